@@ -21,7 +21,7 @@ from typing import Any
 import eightpost.shock
 import eightpost.vehicle.friction
 from builder.interface import Interface, content_guid, friction_ports, model_description, source_folder, spring_ports
-from builder.native_fmu import native_fmus
+from builder.native_fmu import compiled, without_binaries
 from builder.product import Product, shock_product, vehicle_product
 from builder.reference import Disclosure, validity_of
 from builder.toolchain import find_toolchain
@@ -297,9 +297,8 @@ def _native(
         for source, product in products
         for fmi in versions
     ]
-    archives = native_fmus(
-        [(product, fmi) for _, product, fmi in wanted], toolchain=toolchain, disclosure=disclosure, progress=progress
-    )
+    fmus = [without_binaries(product, disclosure, fmi) for _, product, fmi in wanted]
+    archives = compiled(fmus, toolchain=toolchain, progress=progress)
     built: list[Members] = []
     for (source, product, fmi), members in zip(wanted, archives, strict=True):
         path, validity = folder / f"{product.identifier}.fmu", validity_of(product.source)

@@ -26,10 +26,10 @@ from builder.interface import (
     spring_ports,
 )
 from builder.native_fmu import Source, common_files, compiled, model_files, sealed
-from builder.page import Contents, curves_picture, equations, page
+from builder.page import curves_picture, equations, page
 from builder.reference import COUNT, STEP, Reference, combined_member, reference_files, rounded, vehicle_inputs
 from builder.tables import c_number, interface_header, interface_source, layout
-from builder.toolchain import Toolchain, find_toolchain
+from builder.toolchain import find_toolchain
 from eightpost.archive import write_archive
 from eightpost.array_types import Array
 from eightpost.errors import FmuError
@@ -291,19 +291,13 @@ def _assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) 
     picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
     parts = [(part.name, part.file, part.text, part.guid) for part in assembly.parts]
-    contents = Contents(
-        assembly.identifier,
-        assembly.text,
-        interface,
-        Picture(picture, _CAPTION),
-        [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)],
-        reference is not None,
-        fmi,
-    )
+    origin = [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)]
+    described = assembly.identifier, assembly.text, interface
+    html = page(described, Picture(picture, _CAPTION), origin, has_reference=reference is not None, fmi=fmi)
     return {
         "model.png": picture,
         **({"terminalsAndIcons/icon.png": picture} if fmi == 3 else {}),
-        "documentation/index.html": page(contents),
+        "documentation/index.html": html,
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         **combined_member(
             {part.name: part.validity for part in assembly.parts},
@@ -550,7 +544,6 @@ def assemble(
     path: str | Path,
     *,
     fmi: int = 2,
-    toolchain: Toolchain | None = None,
     progress: Progress | None = None,
 ) -> Assembled:
     """Write a system as one native FMU; the same system gives the same bytes.
@@ -559,7 +552,6 @@ def assemble(
         wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
         path: FMU file to write; its name must be a C identifier.
         fmi: FMI version, 2 or 3.
-        toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
         progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
@@ -573,8 +565,7 @@ def assemble(
         )
     assembly = Assembly.of(wiring, path.stem)
     check_file(path, FMU)
-    toolchain = toolchain or find_toolchain()
-    interface = assembly_interface(assembly)
+    toolchain, interface = find_toolchain(), assembly_interface(assembly)
     (members,) = compiled([without_binaries(assembly, interface, fmi)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)

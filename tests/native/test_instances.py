@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,14 @@ def test_interleaved_instances_equal_a_single_instance(host, name, count):
             assert fmu.step(step * 1e-3) == OK
             rows[k].append(fmu.all())
     assert all(found == single for found in rows.values())
+
+
+@pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])
+def test_instances_in_four_threads_equal_a_single_instance(host, name):
+    single = host(name).start().run(200)
+    instances = [host(name, name=f"t{k}").start() for k in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        assert all(found == single for found in pool.map(lambda fmu: fmu.run(200), instances))
 
 
 @pytest.mark.repeated

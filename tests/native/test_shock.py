@@ -210,6 +210,27 @@ def test_a_shock_starts_in_equilibrium_and_initialization_may_be_iterated(reques
     assert fmu.get(("lagged_force",)) == pytest.approx([law.valve_force(law.start(0.05), 0.05)], rel=1e-15)
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", LAWS)
+def test_ramped_inputs_reduce_the_error_of_a_large_step_at_least_fivefold(component, shocks, name):
+    """A smooth velocity, against the law in steps of ten microseconds: the lagged force at the coupling points."""
+    law, step, fine = shocks[name].law, 2e-3, 1e-5
+    velocity = lambda t: 0.3 * np.sin(2 * np.pi * 5.0 * t)  # noqa: E731
+    lagged, exact = law.start(0.0), []
+    for k in range(int(0.2 / step)):
+        for j in range(round(step / fine)):
+            t = k * step + j * fine
+            lagged = law.follow(lagged, velocity(t), velocity(t + fine), fine)
+        exact.append(law.response(lagged, velocity((k + 1) * step), 0.0).force)
+    errors = {}
+    for how in ("held", "ramped"):
+        fmu = component(name)
+        ends = np.array([velocity(k * step) for k in range(int(0.2 / step) + 1)])
+        found = run_fmu(fmu, [(step, a, b if how == "ramped" else a, 0.0) for a, b in pairwise(ends)])
+        errors[how] = np.sqrt(np.mean((found[:, 0] - exact) ** 2))
+    assert errors["held"] > 5.0 * errors["ramped"]
+
+
 def test_a_fast_ramp_is_divided_into_pieces_with_second_order_accuracy(shocks):
     """The pieces of `follow` against ever finer ones: halving the speed change quarters the error."""
     law, errors = shocks["lpf1"].law, []

@@ -43,15 +43,13 @@ stop = 1.0
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, toolchain):
+def folder(tmp_path_factory):
     """FMUs of shocks with settings; `warm` has the temperature as an input."""
     folder = tmp_path_factory.mktemp("settings")
     for name in ("lpf1", "hysteresis_lagged", "warm"):
         write_shock(shock_of("lpf1" if name == "warm" else name), folder / f"{name}.json")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("builder.build.find_toolchain", lambda: toolchain)
-        build([folder / "lpf1.json", folder / "hysteresis_lagged.json"], folder)
-        build([folder / "warm.json"], folder, temperature_input=True)
+    build([folder / "lpf1.json", folder / "hysteresis_lagged.json"], folder)
+    build([folder / "warm.json"], folder, temperature_input=True)
     return folder
 
 
