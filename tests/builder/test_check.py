@@ -65,12 +65,6 @@ def in_slave(old, new):
     return alter
 
 
-@pytest.fixture(scope="module")
-def fmus(universal_fmus):
-    """FMUs as they are shipped: with the binaries of all platforms."""
-    return universal_fmus
-
-
 @pytest.mark.repeated("lpnl2-5 groups", "quarter_car-5 groups")
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -82,8 +76,8 @@ def fmus(universal_fmus):
     ],
     ids=lambda value: value if isinstance(value, str) else f"{len(value)} groups",
 )
-def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name, groups):
-    report = check(fmus[name], groups=groups)
+def test_our_native_fmus_have_no_findings_and_no_hints(universal_fmus, name, groups):
+    report = check(universal_fmus[name], groups=groups)
     assert report.findings == ()
     assert report.skipped == ()
     assert report.done == tuple(GROUPS[group].title for group in groups)
@@ -163,10 +157,10 @@ def leaving_only(*kept):
 @pytest.mark.parametrize(
     ("kept", "has"), [(("binaries/win64/",), "win64, sources"), ((), "sources")], ids=["only win64", "only sources"]
 )
-def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(fmus, tmp_path, kept, has):
+def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(universal_fmus, tmp_path, kept, has):
     if this_platform().name == "win64":
         pytest.skip("win64 is this machine's")
-    path = altered(fmus["lpnl2"], tmp_path / "lpnl2.fmu", leaving_only(*kept))
+    path = altered(universal_fmus["lpnl2"], tmp_path / "lpnl2.fmu", leaving_only(*kept))
     assert CliRunner().invoke(command, ["--standard", str(path)]).exit_code == 0
     report = check(path)
     assert rules(report) == {"platforms"}
@@ -200,12 +194,12 @@ def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp
     assert [skipped.what for skipped in report.skipped] == ["reset, steps"]
 
 
-def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
+def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(universal_fmus, monkeypatch):
     monkeypatch.setattr(
         run.process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"]
     )
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
-        check(fmus["lpnl2"], groups=("simulation",))
+        check(universal_fmus["lpnl2"], groups=("simulation",))
 
 
 @pytest.mark.slow
@@ -256,7 +250,7 @@ def test_an_fmu_that_is_slow_is_skipped_from_there_on_without_a_finding(python_f
 
 
 @pytest.mark.parametrize("unit", SI_UNITS)
-def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, fmus, tmp_path):
+def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, universal_fmus, tmp_path):
     def described(exponents):
         base = "".join(f' {name}="{power}"' for name, power in exponents.items())
         text = f'<UnitDefinitions><Unit name="{unit}"><BaseUnit{base}/></Unit></UnitDefinitions>'
@@ -303,9 +297,9 @@ def test_files_other_than_fmus_of_fmi_2_and_3_are_rejected(tmp_path):
         check(tmp_path / "none.fmu")
 
 
-def test_an_unknown_group_is_refused_by_name(fmus):
+def test_an_unknown_group_is_refused_by_name(universal_fmus):
     with pytest.raises(FmuError, match="'dynamic'"):
-        check(fmus["lpnl2"], groups=("dynamic",))
+        check(universal_fmus["lpnl2"], groups=("dynamic",))
 
 
 @pytest.mark.parametrize(
@@ -364,9 +358,9 @@ CHANGES = {
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("change", CHANGES)
-def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
+def test_the_findings_are_those_of_fmpy(universal_fmus, tmp_path, change):
     (old, new), word = CHANGES[change]
-    members = read_archive(fmus["lpf1"])
+    members = read_archive(universal_fmus["lpf1"])
     assert old in members[XML]
     write_archive(tmp_path / "lpf1.fmu", members | {XML: members[XML].replace(old, new, 1)})
     found = run._fmpy(read_subject(tmp_path / "lpf1.fmu"))
@@ -374,6 +368,6 @@ def test_the_findings_are_those_of_fmpy(fmus, tmp_path, change):
     assert any(word in problem for problem in found) if word else found == []
 
 
-def test_the_parser_of_names_is_left_out_for_plain_names(fmus, monkeypatch):
+def test_the_parser_of_names_is_left_out_for_plain_names(universal_fmus, monkeypatch):
     monkeypatch.setattr("fmpy.validation._validate_variable_names", lambda _: pytest.fail("it takes long"))
-    assert run._fmpy(read_subject(fmus["seven_dof"])) == []
+    assert run._fmpy(read_subject(universal_fmus["seven_dof"])) == []
