@@ -36,7 +36,7 @@ from eightpost.errors import FmuError
 from eightpost.outputs import FMU, check_file
 from eightpost.progress import Progress
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
-from eightpost.shock import Settings, ShockLaw
+from eightpost.shock import ShockLaw
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, named_ports
 from eightpost.wiring import Wire, Wiring
@@ -53,32 +53,22 @@ def _start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
     return {name: assembly.starts.get(f"{part.name}.{name}", value) for name, value in own.items()}
 
 
-def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
-    values = _start_values(assembly, part)
-    law = law_of(part.kind, values)
-    return law if part.settings is None else part.settings.law_at(law, _setting(part.settings, values))
-
-
-def _setting(settings: Settings, values: Mapping[str, float | bool]) -> tuple[float, ...]:
-    return tuple(float(values[axis.variable]) for axis in settings.axes)
-
-
 class _Shock:
     """A shock of an assembly with its start values, at any temperature if that is an input."""
 
     def __init__(self, assembly: Assembly, part: Part) -> None:
-        self._values = _start_values(assembly, part)
-        self._given, self._settings = law_of(part.kind, self._values), part.settings
+        self._values, self._settings = _start_values(assembly, part), part.settings
+        self._given = law_of(part.kind, self._values)
         inputs = part.interface.names("input")
         self._temperature = inputs.index("temperature") if "temperature" in inputs else None
         self._laws: dict[tuple[float, ...], ShockLaw] = {}
 
-    def law(self, u: Array) -> ShockLaw:
-        """Return the law with the inputs (m,) of the shock."""
+    def law(self, u: Array | None = None) -> ShockLaw:
+        """Return the law at the start values, or with the inputs (m,) of the shock."""
         if self._settings is None:
             return self._given
-        warm = {} if self._temperature is None else {"temperature": float(u[self._temperature])}
-        setting = _setting(self._settings, self._values | warm)
+        warm = {} if u is None or self._temperature is None else {"temperature": float(u[self._temperature])}
+        setting = tuple(float((self._values | warm)[axis.variable]) for axis in self._settings.axes)
         if setting not in self._laws:
             self._laws[setting] = self._settings.law_at(self._given, setting)
         return self._laws[setting]
@@ -288,7 +278,7 @@ _CAPTION = "Force at the port of each shock without gas force, over the fitted v
 
 def _assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
-    picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
+    picture = curves_picture(assembly.identifier, {part.name: _Shock(assembly, part).law() for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
     parts = [(part.name, part.file, part.text, part.guid) for part in assembly.parts]
     origin = [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)]

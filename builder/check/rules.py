@@ -65,6 +65,12 @@ class Finding:
     rule: Rule
     message: str
 
+    def document(self) -> dict[str, str]:
+        """Return the finding as a JSON object (docs/reference/check.md)."""
+        rule, level = self.rule, self.rule.level.value
+        stated = {"rule": rule.identifier, "level": level, "title": rule.title, "source": rule.source}
+        return stated | {"message": self.message, "advice": rule.advice}
+
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
@@ -207,7 +213,7 @@ class CheckReport:
             "groups": list(self.groups),
             "done": list(self.done),
             "skipped": [{"what": item.what, "reason": item.reason} for item in self.skipped],
-            "findings": [_finding(finding) for finding in self.findings],
+            "findings": [finding.document() for finding in self.findings],
         }
 
 
@@ -226,17 +232,6 @@ class NotChecked:
     def document(self) -> dict[str, Any]:
         """Return the entry as a JSON object (docs/reference/check.md)."""
         return {"path": str(self.path), "acceptable": self.acceptable, "error": self.error}
-
-
-def _finding(finding: Finding) -> dict[str, str]:
-    return {
-        "rule": finding.rule.identifier,
-        "level": finding.rule.level.value,
-        "title": finding.rule.title,
-        "source": finding.rule.source,
-        "message": finding.message,
-        "advice": finding.rule.advice,
-    }
 
 
 def json_document(reports: Sequence[CheckReport | NotChecked]) -> dict[str, Any]:
