@@ -38,8 +38,6 @@ from eightpost.validity import Validity
 from eightpost.vehicle import Vehicle, read_vehicle
 from eightpost.verdict import Verdict
 
-# ==== Python FMU =====================================================================================================
-
 #: Capabilities of PythonFMU's binary (its Linux and Windows libraries forward all calls to the slave).
 CAPABILITIES = {
     "needsExecutionTool": "true",

@@ -19,8 +19,6 @@ from eightpost.report.static import Column, Picture, Section, bullets, paragraph
 from eightpost.shock import Response, Shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
 
-# ==== Documents ======================================================================================================
-
 with needs("build", "building FMUs"):
     from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
 

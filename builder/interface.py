@@ -24,8 +24,6 @@ from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
 
-# ==== What a vehicle's start depends on: in the steady state, port springs act on each other =========================
-
 #: A matrix of truths: which rows depend on which columns.
 Terms = Any
 

@@ -23,7 +23,6 @@ from eightpost.progress import Progress
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
 
-# ==== The part of sources/ that is not the model: what a host needs to compile without any other file ================
 # FMI 2.0.4, 2.1.1: in an FMU that is shipped as C source code, the names of the functions begin with the model
 # identifier and an underscore, and in a shared library they do not. 2.3: sources/buildDescription.xml is that of FMI
 # 3.0 (2.5.1 there) and takes precedence over SourceFiles of modelDescription.xml. FMPy reads SourceFiles only; both

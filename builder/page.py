@@ -30,8 +30,6 @@ with needs("build", "building FMUs"):
 with needs("build", "building FMUs"):
     from eightpost.report.pictures import Axes, Figure, new_figure, plain_style, png
 
-# ==== HTML documentation of an FMU: its equations, variables and terminals ===========================================
-
 # ---- Text and equations: from Markdown with LaTeX to HTML with MathML, which browsers can display -------------------
 # The equations use GitHub's notation: `$...$` within a line, a fenced block with the info string `math` otherwise.
 

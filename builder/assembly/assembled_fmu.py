@@ -41,9 +41,6 @@ from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, named_ports
 from eightpost.wiring import Wire, Wiring
 
-# ==== Documentation and reference results ============================================================================
-
-
 # ---- The parts as models of the library -----------------------------------------------------------------------------
 
 
@@ -318,9 +315,6 @@ def _equations(assembly: Assembly) -> Section:
     for kind in kinds:
         html += folded(kind, re.sub(r'(id="|href="#)', rf"\g<1>{kind}-", equations(kind)))
     return Section("Equations of the parts", html)
-
-
-# ==== The C sources and the file =====================================================================================
 
 
 # ---- The C sources of an assembly -----------------------------------------------------------------------------------

@@ -12,8 +12,6 @@ from typing import Any
 from eightpost import __version__
 from eightpost.fmi import FLAGS, function_name
 
-# ==== Rules of the check, which rules.txt lists, their levels, and findings ==========================================
-
 
 class Level(Enum):
     """Severity of a finding: the first two levels make a check fail."""

@@ -39,8 +39,6 @@ from eightpost.files import sha256_of
 from eightpost.fmi import BUILD, Description
 from eightpost.workers import process
 
-# ==== Probes: a crash or a hang is a finding that names the last FMI call ============================================
-
 #: Longest processor time of a valid and of an invalid call; time for a process [s].
 _PATIENCE, _MISUSE_PATIENCE, _TIMEOUT = 6.0, 0.7, 900.0
 #: Processor time of the groups of valid calls, of those of invalid ones, and of a run in other surroundings [s].
@@ -202,8 +200,6 @@ def differences(rule: str, plain: Outcome, other: Outcome) -> Iterator[Finding]:
     elif plain.values and other.values and other.values != plain.values:
         yield RULES[rule].finding("it runs, but the outputs differ")
 
-
-# ==== Third-party tools ==============================================================================================
 
 # ---- Checkers -------------------------------------------------------------------------------------------------------
 

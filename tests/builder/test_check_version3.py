@@ -30,9 +30,6 @@ def rules(report):
     return {finding.rule.identifier for finding in report.findings}
 
 
-# ---- Our own FMUs ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [*LAWS, "quarter_car", "seven_dof"])
 def test_our_fmus_of_fmi_3_break_no_rule_on_this_platform(name, fmus3):

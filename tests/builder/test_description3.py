@@ -70,9 +70,6 @@ def test_fmpy_simulates_both_kinds_of_instance_with_the_results_of_fmi_2(fmus, f
                 assert found[1][column].tolist() == found[0][column].tolist()
 
 
-# ---- The archive ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_the_archive_has_the_members_of_fmi_2_at_their_places_in_fmi_3(fmus, fmus3, name):
     old, new = (read_archive(found[name]) for found in (fmus, fmus3))

@@ -139,9 +139,6 @@ def test_a_shock_that_hardly_damps_in_rebound_is_not_rectified_although_no_mean_
     assert rectified_force(rectified)
 
 
-# ---- One setting ----------------------------------------------------------------------------------------------------
-
-
 def test_a_bleed_that_opens_is_found_at_low_speed(tmp_path):
     columns = sine(stroke=60.0, frequency=3.0)
     slow = np.where((columns["t"] > 6.0) & (columns["v"] > 0.0), 400.0 * np.exp(-np.abs(columns["v"]) / 60.0), 0.0)

@@ -107,9 +107,6 @@ def test_hub_accelerations_follow_the_forces_at_the_end_and_are_about_as_accurat
     assert hub.max() < 2.5 * velocity.max()
 
 
-# ---- Parameters ------------------------------------------------------------------------------------------------------
-
-
 def test_a_tunable_parameter_set_between_steps_takes_effect_in_the_next_step(car):
     names = ["lf.force", "car.lf.velocity"]
     at_once = host(car, 0.004, parameters={"lf.rebound_scale": 1.5}, outputs=names)
@@ -126,9 +123,6 @@ def test_a_unit_conversion_on_a_connection_is_a_gain(case, made, tmp_path, car):
     )
     path = assemble(replace(case.wiring, wires=wires), tmp_path / "converted.fmu").path
     assert np.array_equal(host(path, 0.004), host(car, 0.004))
-
-
-# ---- Derivatives -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -173,9 +167,6 @@ def test_a_derivative_along_inputs_and_states_is_the_difference_of_outputs_and_r
     rounding = 1e-8 * np.abs(at(0.0))
     found = np.array(fmu.getDirectionalDerivative(unknowns, knowns, list(direction)))
     assert (np.abs(found - differences) <= 1e-5 * np.abs(differences) + rounding).all()
-
-
-# ---- Kept documents and wiring ---------------------------------------------------------------------------------------
 
 
 def test_the_documents_and_the_wiring_of_a_car_with_shocks_are_the_same(

@@ -81,9 +81,6 @@ def test_names_with_special_characters_do_not_break_the_page(shocks):
     assert "&lt;b&gt;R$5 &amp; x_1$" in page
 
 
-# ---- Kept documents --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["quarter_car"])
 def test_the_documents_of_a_model_are_the_same(
     name: str, archives: Mapping[str, Mapping[str, bytes]], unchanged: Callable[..., None]

@@ -127,9 +127,6 @@ def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(
     assert (orders.chosen, orders.is_clear) == (4, True)
 
 
-# ---- Velocities come to rest under constant inputs, also if the system for that is singular --------------------------
-
-
 def two_modes(C, names):
     A = np.array([[-1.0, 30.0, 0.0, 0.0], [-30.0, -1.0, 0.0, 0.0], [0.0, 0.0, -4.0, 70.0], [0.0, 0.0, -70.0, -4.0]])
     B = np.array([[1.0, 0.2], [0.5, -0.3], [0.1, 1.0], [-0.4, 0.6]])

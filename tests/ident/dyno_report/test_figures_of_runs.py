@@ -207,9 +207,6 @@ def test_a_slow_motion_in_one_direction_does_not_show_friction():
     assert isinstance(found.friction, Unknown) and "one direction" in found.friction.reason
 
 
-# ---- Temperature ----------------------------------------------------------------------------------------------------
-
-
 def test_warming_energy_and_power_are_those_of_the_record():
     series = sine(valve(viscous(2e3), viscous(2e3)), duration=6.0, heat=lambda t: 300.0 + 0.5 * t)
     warming = entry(series).warming
@@ -222,9 +219,6 @@ def test_warming_energy_and_power_are_those_of_the_record():
     assert isinstance(cold.drift, Unknown) and "no temperature" in cold.drift.reason
 
 
-# ---- Damping ratio --------------------------------------------------------------------------------------------------
-
-
 @given(st.floats(50.0, 800.0), st.floats(5e3, 3e5), st.floats(0.3, 1.5), st.floats(0.01, 0.95))
 def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, share):
     c = share * 2.0 * np.sqrt(rate * mass) / motion_ratio**2
@@ -232,9 +226,6 @@ def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, 
     poles = np.linalg.eigvals(matrix)
     expected = -poles[0].real / abs(poles[0])
     assert CarCorner("lf", mass, rate, motion_ratio).damping_ratio(c) == pytest.approx(expected, rel=1e-6)
-
-
-# ---- Gas force of a slow run ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.nightly

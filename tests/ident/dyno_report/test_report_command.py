@@ -117,9 +117,6 @@ def test_names_are_escaped(tmp_path):
     assert "<b>x" not in html and "a &lt; b" in html
 
 
-# ---- Measured records -----------------------------------------------------------------------------------------------
-
-
 def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
     """The polygon of force over measured displacement is independent of the derived velocity."""
     folder = os.environ.get("EIGHTPOST_DATA")
@@ -135,9 +132,6 @@ def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
         x, f = loop["displacement"], loop["force"]
         areas.append(0.5 * float(np.sum(f * (np.roll(x, -1) - np.roll(x, 1)))))
     assert entry.cycles.energy == pytest.approx(np.mean(areas), rel=0.01)
-
-
-# ---- In a browser ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

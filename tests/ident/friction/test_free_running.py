@@ -99,8 +99,6 @@ def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(rubb
     assert any("friction that sticks up to" in note and "rejected: it failed" in note for note in found.notes)
 
 
-# ---- Shock laws at the ports, compared with the rig on another drive with other shocks -------------------------------
-
 #: A damper that no test of the identification had.
 FIRM = 1.5 * BASELINE
 
