@@ -21,7 +21,7 @@ from typing import Any
 import eightpost.shock
 import eightpost.vehicle.friction
 from builder.interface import Interface, content_guid, friction_ports, model_description, source_folder, spring_ports
-from builder.native_fmu import native_fmus
+from builder.native_fmu import compiled, without_binaries
 from builder.product import Product, shock_product, vehicle_product
 from builder.reference import Disclosure, validity_of
 from builder.toolchain import find_toolchain
@@ -38,8 +38,6 @@ from eightpost.validity import Validity
 from eightpost.vehicle import Vehicle, read_vehicle
 from eightpost.verdict import Verdict
 
-# ==== Python FMU =====================================================================================================
-
 #: Capabilities of PythonFMU's binary (its Linux and Windows libraries forward all calls to the slave).
 CAPABILITIES = {
     "needsExecutionTool": "true",
@@ -53,23 +51,17 @@ CAPABILITIES = {
 }
 
 
-@dataclass(frozen=True)
-class _Slave:
-    """Code of a Python FMU: the slave, unchanged copies of library files, and model data that is not a variable."""
-
-    product: Product
-    main: Path
-    code: tuple[Path, ...]
-    model: Mapping[str, Any]
+#: Code of a Python FMU: the slave, unchanged copies of library files, and model data that is not a variable.
+_Slave = tuple[Path, tuple[Path, ...], Mapping[str, Any]]
 
 
 def _python_fmu(product: Product) -> dict[str, bytes]:
     """Return the archive's members; the same product gives the same bytes."""
     product = replace(product, interface=product.interface.without_states())
     source = product.source
-    slave = _shock_slave(product, source) if isinstance(source, Shock) else _vehicle_slave(product, source)
+    slave = _shock_slave(source) if isinstance(source, Shock) else _vehicle_slave(product.interface, source)
     with tempfile.TemporaryDirectory() as folder:
-        staged = _stage(slave, Path(folder))
+        staged = _stage(product, slave, Path(folder))
         members = _pack(staged, Path(folder) / "out")
     from builder.documents import documents  # noqa: PLC0415 -- drawing starts slowly
 
@@ -80,7 +72,7 @@ def _python_fmu(product: Product) -> dict[str, bytes]:
     return members | {"modelDescription.xml": describe(guid=content_guid(describe(), members))}
 
 
-def _shock_slave(product: Product, shock: Shock) -> _Slave:
+def _shock_slave(shock: Shock) -> _Slave:
     law = Path(eightpost.shock.__file__).with_name(f"{shock.law_name}.py")
     common = source_folder() / "common"
     model: dict[str, Any] = {"law": law.stem, "class": type(shock.law).__name__}
@@ -88,25 +80,23 @@ def _shock_slave(product: Product, shock: Shock) -> _Slave:
     if shock.settings is not None:
         model["settings"] = asdict(shock.settings)
         code = tuple(dict.fromkeys((*code, *_imported_files(law.with_name("settings.py")))))
-    return _Slave(product, common / "shock_slave.py", (*code, common / "table_slave.py"), model)
+    return common / "shock_slave.py", (*code, common / "table_slave.py"), model
 
 
-def _vehicle_slave(product: Product, vehicle: Vehicle) -> _Slave:
+def _vehicle_slave(interface: Interface, vehicle: Vehicle) -> _Slave:
     model = vehicle.coupled()
-    offsets = {v.name: v.offset for v in product.interface.variables}
+    offsets = {v.name: v.offset for v in interface.variables}
     outputs = [c.name for c in model.outputs]
     data = {name: getattr(model, name).tolist() for name in "ABCD"} | {
         "inputs": [c.name for c in model.inputs],
         "outputs": outputs,
         "offsets": [offsets[name] for name in outputs],
-        "ports": list(friction_ports(product.interface)),
-        "springs": list(spring_ports(product.interface)),
+        "ports": list(friction_ports(interface)),
+        "springs": list(spring_ports(interface)),
     }
     code = _imported_files(Path(eightpost.vehicle.friction.__file__))  # includes the kernel
     fmus = source_folder()
-    return _Slave(
-        product, fmus / product.interface.kind / "slave.py", (*code, fmus / "common" / "table_slave.py"), data
-    )
+    return fmus / interface.kind / "slave.py", (*code, fmus / "common" / "table_slave.py"), data
 
 
 def _imported_files(source: Path) -> tuple[Path, ...]:
@@ -124,26 +114,27 @@ def _imported_files(source: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def _stage(slave: _Slave, folder: Path) -> Path:
+def _stage(product: Product, slave: _Slave, folder: Path) -> Path:
     """Write the slave, its package and its table under names unique to this FMU; return the slave's file."""
+    main, code, model = slave
     rows = []
-    for variable in slave.product.interface.variables:
+    for variable in product.interface.variables:
         row = asdict(variable)
         rows.append({"min": row.pop("minimum"), "max": row.pop("maximum"), **row})
-    content = {"identifier": slave.product.identifier, "description": slave.product.text, "variables": rows}
-    table = json.dumps(content | {"model": dict(slave.model)}, indent=1, allow_nan=False)
+    content = {"identifier": product.identifier, "description": product.text, "variables": rows}
+    table = json.dumps(content | {"model": dict(model)}, indent=1, allow_nan=False)
     digest = hashlib.sha256(table.encode())
-    for file in (slave.main, *slave.code):
+    for file in (main, *code):
         digest.update(file.read_bytes())
-    name = f"{slave.product.identifier}_{digest.hexdigest()[:8]}"
+    name = f"{product.identifier}_{digest.hexdigest()[:8]}"
     package = folder / f"{name}_law"
     package.mkdir()
     note = '"""Unchanged copies of files of the eightpost library."""\n'
     (package / "__init__.py").write_text(note, encoding="utf-8")
-    for file in slave.code:
+    for file in code:
         shutil.copyfile(file, package / file.name)
     (folder / f"{name}.json").write_text(table + "\n", encoding="utf-8")
-    shutil.copyfile(slave.main, folder / f"{name}.py")
+    shutil.copyfile(main, folder / f"{name}.py")
     return folder / f"{name}.py"
 
 
@@ -297,9 +288,8 @@ def _native(
         for source, product in products
         for fmi in versions
     ]
-    archives = native_fmus(
-        [(product, fmi) for _, product, fmi in wanted], toolchain=toolchain, disclosure=disclosure, progress=progress
-    )
+    fmus = [without_binaries(product, disclosure, fmi) for _, product, fmi in wanted]
+    archives = compiled(fmus, toolchain=toolchain, progress=progress)
     built: list[Members] = []
     for (source, product, fmi), members in zip(wanted, archives, strict=True):
         path, validity = folder / f"{product.identifier}.fmu", validity_of(product.source)

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from builder.interface import source_folder
-from builder.page import LOOP_FREQUENCY, Contents, page, shock_picture, terminals_and_icons, vehicle_picture
+from builder.page import LOOP_FREQUENCY, page, shock_picture, terminals_and_icons, vehicle_picture
 from builder.product import Product
 from builder.reference import SECRET, Disclosure, customary, quantity, results, validity_member
 from eightpost import units
@@ -18,8 +18,6 @@ from eightpost.extras import needs
 from eightpost.report.static import Column, Picture, Section, bullets, paragraph, table
 from eightpost.shock import Response, Shock
 from eightpost.vehicle import Corners, IdentifiedVehicle, StructuralVehicle, Vehicle
-
-# ==== Documents ======================================================================================================
 
 with needs("build", "building FMUs"):
     from eightpost.report.pictures import Axes, Circle, FancyBboxPatch, Rectangle, new_figure, plain_style, png
@@ -223,10 +221,10 @@ def documents(product: Product, *, disclosure: Disclosure, fmi: int = 2) -> dict
     """
     shown, picture, origin, recorded = (_full if disclosure is Disclosure.FULL else _confidential)(product)
     reference = results(shown, recorded)
-    contents = Contents(shown.identifier, shown.text, shown.interface, picture, origin, bool(reference), fmi)
+    described = shown.identifier, shown.text, shown.interface
     return {
         "model.png": picture.png,
-        "documentation/index.html": page(contents),
+        "documentation/index.html": page(described, picture, origin, has_reference=bool(reference), fmi=fmi),
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         "terminalsAndIcons/terminalsAndIcons.xml": terminals_and_icons(shown.interface),
         "terminalsAndIcons/icon.png": icon(shown.source),

@@ -24,14 +24,14 @@ from eightpost.shock import Shock, ShockLaw, law_module
 from eightpost.shock.curve import KNOTS
 from eightpost.vehicle import StateSpace
 
-# ==== What a vehicle's start depends on: in the steady state, port springs act on each other =========================
-
 #: A matrix of truths: which rows depend on which columns.
 Terms = Any
 
 
-def with_springs(terms: Terms, steady: Terms, model: StateSpace, ports: Sequence[str]) -> Terms:
-    """Return which values of the steady state depend on which inputs (k, m), with springs at the ports.
+def with_springs(
+    terms: Terms, steady: Terms, model: StateSpace, ports: Sequence[str]
+) -> tuple[Terms, list[tuple[str, ...]]]:
+    """Return which values of the steady state depend on which inputs (k, m) and spring parameters, by name.
 
     Args:
         terms: Dependencies of the values on the inputs without springs (k, m).
@@ -39,26 +39,18 @@ def with_springs(terms: Terms, steady: Terms, model: StateSpace, ports: Sequence
         model: Model of the vehicle.
         ports: Prefixes of the ports that can have a spring: "lf.", ..., or "" for a quarter car.
     """
-    return terms | (_forces(terms, steady, model, ports) @ _moved(steady, model, ports))
-
-
-def springs_of(terms: Terms, steady: Terms, model: StateSpace, ports: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the names of the spring parameters that each value (k) depends on; see `with_springs`."""
-    acting = _forces(terms, steady, model, ports)
-    return [tuple(f"{port}port_spring" for port, acts in zip(ports, row, strict=True) if acts) for row in acting]
-
-
-def _forces(terms: Terms, steady: Terms, model: StateSpace, ports: Sequence[str]) -> Terms:
-    """Return which springs (k, springs) the values depend on, through any chain of springs."""
     columns = [model.input_names.index(f"{port}force") for port in ports]
-    linked = np.eye(len(ports), dtype=bool) | _moved(steady, model, ports)[:, columns]
-    for _ in ports:
+    moved = steady[[model.output_names.index(f"{port}displacement") for port in ports]]
+    linked = np.eye(len(ports), dtype=bool) | moved[:, columns]
+    for _ in ports:  # through any chain of springs
         linked = linked @ linked
-    return terms[:, columns] @ linked
+    acting = terms[:, columns] @ linked
+    return terms | (acting @ moved), [chosen([f"{port}port_spring" for port in ports], row) for row in acting]
 
 
-def _moved(steady: Terms, model: StateSpace, ports: Sequence[str]) -> Terms:
-    return steady[[model.output_names.index(f"{port}displacement") for port in ports]]
+def chosen(names: Sequence[str], row: Terms) -> tuple[str, ...]:
+    """Return the names whose entry in a row of truths is true."""
+    return tuple(name for name, term in zip(names, row, strict=True) if term)
 
 
 # ---- Location of the FMUs' sources ----------------------------------------------------------------------------------
@@ -260,19 +252,22 @@ def vehicle_interface(model: StateSpace) -> Interface:
     rows = [row for row in table["variable"] if "<mode>" not in row["name"]]  # builder/product.py
     variables = tuple(v for row in rows for v in _corner_variables(row) if _is_included(row, v, channels, partners))
     _check_channels(model.name, channels, variables)
-    steady = steady_terms(model)
+    names = model.input_names
     interface = Interface(
         kind=table["interface"],
         version=table["version"],
         description=table["description"],
         variables=variables,
-        direct=_dependencies(model, direct, {}),
+        direct={channel.name: chosen(names, row) for channel, row in zip(model.outputs, direct, strict=True)},
         initial={},
     )
-    at_start = direct | with_springs(steady, steady, model, spring_ports(interface))
-    initial = _dependencies(model, at_start, {v.name: v.offset for v in variables})
-    springs = dict(zip(model.output_names, springs_of(steady, steady, model, spring_ports(interface)), strict=True))
-    return replace(interface, initial={name: (*known, *springs[name]) for name, known in initial.items()})
+    steady, offsets, initial = steady_terms(model), {v.name: v.offset for v in variables}, {}
+    at_start, springs = with_springs(steady, steady, model, spring_ports(interface))
+    for channel, row, own in zip(model.outputs, direct | at_start, springs, strict=True):
+        known, offset = chosen(names, row), offsets[channel.name]
+        flag = ["start_at_equilibrium"] if known else []
+        initial[channel.name] = (*known, *([offset] if offset else []), *flag, *own)
+    return replace(interface, initial=initial)
 
 
 def friction_ports(interface: Interface) -> tuple[str, ...]:
@@ -371,19 +366,7 @@ def _check_channels(model: str, channels: Mapping[str, tuple[str, str]], variabl
             )
 
 
-def _dependencies(
-    model: StateSpace, terms: np.ndarray[Any, np.dtype[np.bool_]], offsets: Mapping[str, str | None]
-) -> dict[str, tuple[str, ...]]:
-    depends = {}
-    for channel, row in zip(model.outputs, terms, strict=True):
-        names = [c.name for c, term in zip(model.inputs, row, strict=True) if term]
-        flag = ["start_at_equilibrium"] if names and offsets else []
-        offset = offsets.get(channel.name)
-        depends[channel.name] = (*names, *([offset] if offset else []), *flag)
-    return depends
-
-
-def steady_terms(model: StateSpace) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def steady_terms(model: StateSpace) -> Terms:
     """Return whether each output's steady state depends on each input (p, m); all true if there is no steady state.
 
     At rest, velocities are zero, and so are the accelerations of a physical model, up to rounding of their terms. Those

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import pickle
 import xml.etree.ElementTree as ET
-import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -25,7 +23,6 @@ from eightpost.progress import Progress
 from eightpost.shock import Shock
 from eightpost.vehicle.modal import modal_form
 
-# ==== The part of sources/ that is not the model: what a host needs to compile without any other file ================
 # FMI 2.0.4, 2.1.1: in an FMU that is shipped as C source code, the names of the functions begin with the model
 # identifier and an underscore, and in a shared library they do not. 2.3: sources/buildDescription.xml is that of FMI
 # 3.0 (2.5.1 there) and takes precedence over SourceFiles of modelDescription.xml. FMPy reads SourceFiles only; both
@@ -169,28 +166,6 @@ class Source:
     library: Library
 
 
-def native_fmus(
-    products: Sequence[tuple[Product, int]],
-    *,
-    toolchain: Toolchain,
-    disclosure: Disclosure = Disclosure.FULL,
-    progress: Progress | None = None,
-) -> list[dict[str, bytes]]:
-    """Return the members of each product's archive; the same product gives the same bytes.
-
-    Args:
-        products: FMUs to build, each with its FMI version, 2 or 3.
-        toolchain: Compiler and its platforms.
-        disclosure: Amount of information in the archive; a confidential FMU contains neither sources nor the curve.
-        progress: Callback that receives the number of finished binaries and the total number.
-
-    Raises:
-        FmuError: The compiler fails.
-    """
-    sources = [without_binaries(product, disclosure, fmi) for product, fmi in products]
-    return compiled(sources, toolchain=toolchain, progress=progress)
-
-
 def compiled(
     sources: Sequence[Source], *, toolchain: Toolchain, progress: Progress | None = None
 ) -> list[dict[str, bytes]]:
@@ -206,14 +181,11 @@ def without_binaries(product: Product, disclosure: Disclosure = Disclosure.FULL,
     Its pictures and texts take long, so it is kept in the cache.
     """
     key = digest((pickle.dumps((product, disclosure, fmi)), *_program()))
-    stored = recall("fmus", key)
-    if stored is not None:
-        parts = _unpacked(stored)
-        is_wide = not isinstance(product.source, Shock)
-        library = Library(product.identifier, parts["sources"], is_one_unit=True, is_wide=is_wide, fmi=fmi)
-        return Source(parts["members"], library)
+    if (stored := recall("fmus", key)) is not None:
+        source: Source = pickle.loads(stored)
+        return source
     source = _without_binaries(product, disclosure, fmi)
-    keep("fmus", key, _packed({"members": source.members, "sources": source.library.sources}))
+    keep("fmus", key, pickle.dumps(source))
     return source
 
 
@@ -224,24 +196,6 @@ def _program() -> tuple[bytes, ...]:
     files = sorted(path for folder in (*folders, source_folder()) for path in folder.rglob("*.*"))
     versions = (version(name).encode() for name in ("matplotlib", "numpy"))
     return (*versions, *(path.read_bytes() for path in files if path.suffix in _PROGRAM))
-
-
-def _packed(parts: Mapping[str, Mapping[str, bytes]]) -> bytes:
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        for part, files in parts.items():
-            for name, file in files.items():
-                archive.writestr(f"{part}/{name}", file)
-    return content.getvalue()
-
-
-def _unpacked(content: bytes) -> dict[str, dict[str, bytes]]:
-    found: dict[str, dict[str, bytes]] = {}
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        for path in archive.namelist():
-            part, _, name = path.partition("/")
-            found.setdefault(part, {})[name] = archive.read(path)
-    return found
 
 
 def _without_binaries(product: Product, disclosure: Disclosure, fmi: int) -> Source:

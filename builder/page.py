@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -29,8 +29,6 @@ with needs("build", "building FMUs"):
     from markdown_it.token import Token
 with needs("build", "building FMUs"):
     from eightpost.report.pictures import Axes, Figure, new_figure, plain_style, png
-
-# ==== HTML documentation of an FMU: its equations, variables and terminals ===========================================
 
 # ---- Text and equations: from Markdown with LaTeX to HTML with MathML, which browsers can display -------------------
 # The equations use GitHub's notation: `$...$` within a line, a fenced block with the info string `math` otherwise.
@@ -195,31 +193,33 @@ binaries.</p>
 """
 
 
-@dataclass(frozen=True)
-class Contents:
-    """Contents of a page: the disclosed information about one FMU."""
+def page(
+    described: tuple[str, str, Interface],
+    picture: Picture,
+    origin: Sequence[Section],
+    *,
+    has_reference: bool,
+    fmi: int,
+) -> bytes:
+    """Return documentation/index.html.
 
-    identifier: str
-    text: str
-    interface: Interface
-    picture: Picture
-    origin: Sequence[Section]
-    has_reference: bool
-    fmi: int = 2
-
-
-def page(contents: Contents) -> bytes:
-    """Return documentation/index.html."""
-    interface = contents.interface
-    sections = [*_variables(interface), *contents.origin, *_usage(contents)]
+    Args:
+        described: C name of the FMU, one-line description, and disclosed variables.
+        picture: Picture at the top.
+        origin: Sections about the source of the FMU.
+        has_reference: Whether the archive has reference results.
+        fmi: FMI version, 2 or 3.
+    """
+    identifier, text, interface = described
+    sections = [*_variables(interface), *origin, *_usage(identifier, interface, has_reference=has_reference)]
     places = [("equations", "Equations"), ("limits", "Limits"), *((s.name, s.heading) for s in sections)]
     body = equations(interface.kind) + "".join(str(section) for section in sections)
     exchange = " and model exchange" if interface.states or interface.kind == "shock_polylinear" else ""
     facts = (
-        f"Interface {interface.kind} {interface.version} · FMI {contents.fmi}.0 co-simulation{exchange} · "
+        f"Interface {interface.kind} {interface.version} · FMI {fmi}.0 co-simulation{exchange} · "
         f"SI at the interface · built with eightpost {__version__}"
     )
-    return static_page(contents.identifier, contents.text, facts, places, contents.picture, body).encode()
+    return static_page(identifier, text, facts, places, picture, body).encode()
 
 
 def _variables(interface: Interface) -> list[Section]:
@@ -259,12 +259,12 @@ def _row(variable: Variable) -> tuple[str, ...]:
     )
 
 
-def _usage(contents: Contents) -> list[Section]:
-    ports = ", ".join(f"<code>{port}</code>" for port in _terminals(contents.interface))
+def _usage(identifier: str, interface: Interface, *, has_reference: bool) -> list[Section]:
+    ports = ", ".join(f"<code>{port}</code>" for port in _terminals(interface))
     connecting = _CONNECT.format(ports=ports) if ports else ""
-    sections = [Section("Import", _IMPORT.format(identifier=escape(contents.identifier)) + connecting)]
-    if contents.has_reference:
-        html = _REFERENCE.format(folder=FOLDER, identifier=escape(contents.identifier))
+    sections = [Section("Import", _IMPORT.format(identifier=escape(identifier)) + connecting)]
+    if has_reference:
+        html = _REFERENCE.format(folder=FOLDER, identifier=escape(identifier))
         sections.append(Section("Reference results", html))
     return sections
 

@@ -11,11 +11,11 @@ import numpy as np
 from builder.interface import (
     Interface,
     Variable,
+    chosen,
     friction_ports,
     read_table,
     shock_interface,
     spring_ports,
-    springs_of,
     steady_terms,
     variable_of,
     vehicle_interface,
@@ -131,22 +131,21 @@ class _Dependencies:
         rubbed = self._port_forces()
         direct = dict(named.direct)
         for name, row in zip(outputs, self.out | (self._of_forces(self.model.D != 0.0) @ rubbed), strict=True):
-            direct[name] = (*direct[name], *_chosen(states, row))
+            direct[name] = (*direct[name], *chosen(states, row))
         moved = self.own | (self._of_forces(self.into) @ rubbed)
         for name, by_input, by_state in zip(named.derivatives, self.into, moved, strict=True):
-            direct[name] = (*_chosen(inputs, by_input), *_chosen(states, by_state))
+            direct[name] = (*chosen(inputs, by_input), *chosen(states, by_state))
         return direct, dict(named.initial) | self._at_start()
 
     def _at_start(self) -> dict[str, tuple[str, ...]]:
         """Return what states depend on at a start in equilibrium, and their derivatives at a start from zero."""
         named, found, springs = self.interface, {}, spring_ports(self.interface)
         steady = steady_terms(self.model)
-        rest = with_springs(self.rest, steady, self.model, springs)
-        of_springs = springs_of(self.rest, steady, self.model, springs)
+        rest, of_springs = with_springs(self.rest, steady, self.model, springs)
         none = [()] * len(self.into)
         for names, terms, parameters in ((named.states, rest, of_springs), (named.derivatives, self.into, none)):
             for name, row, others in zip(names, terms, parameters, strict=True):
-                known = _chosen(self.model.input_names, row)
+                known = chosen(self.model.input_names, row)
                 found[name] = (*known, *(("start_at_equilibrium",) if known else ()), *others)
         return found
 
@@ -172,10 +171,6 @@ def _terms(gains: Array) -> Any:
     """Return which gains (n, k) are more than rounding errors of the largest one in their column."""
     sizes = np.abs(gains)
     return (sizes > 0.0) & (sizes > _ROUNDING * sizes.max(axis=0, initial=0.0))
-
-
-def _chosen(names: Sequence[str], row: Any) -> tuple[str, ...]:
-    return tuple(name for name, term in zip(names, row, strict=True) if term)
 
 
 # ---- Variables of a shock's adjusters and temperature, and of what is known about their setting ---------------------

@@ -24,8 +24,6 @@ from eightpost.vehicle.friction import PortFriction
 from eightpost.vehicle.structural import doubts
 from eightpost.verdict import Reason, Rules, Verdict
 
-# ==== Reference results of an FMU, computed by the library ===========================================================
-
 # ---- How much of an FMU's source its documents disclose -------------------------------------------------------------
 
 #: Prefix of the variables that disclose the shape of a curve.

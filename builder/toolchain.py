@@ -25,8 +25,6 @@ from eightpost.extras import MissingExtraError, install_command
 from eightpost.progress import Progress
 from eightpost.workers.process import usable_processors
 
-# ==== The six platforms of a native FMU, with their FMI 2.0 names ====================================================
-
 
 @dataclass(frozen=True, slots=True)
 class Platform:
@@ -141,8 +139,6 @@ def universal(slices: Sequence[bytes]) -> bytes:
         body += b"\0" * (start - offset - len(body)) + content
     return header + body
 
-
-# ==== Compilers ======================================================================================================
 
 # ---- C compilers ----------------------------------------------------------------------------------------------------
 

@@ -26,23 +26,20 @@ from builder.interface import (
     spring_ports,
 )
 from builder.native_fmu import Source, common_files, compiled, model_files, sealed
-from builder.page import Contents, curves_picture, equations, page
+from builder.page import curves_picture, equations, page
 from builder.reference import COUNT, STEP, Reference, combined_member, reference_files, rounded, vehicle_inputs
 from builder.tables import c_number, interface_header, interface_source, layout
-from builder.toolchain import Toolchain, find_toolchain
+from builder.toolchain import find_toolchain
 from eightpost.archive import write_archive
 from eightpost.array_types import Array
 from eightpost.errors import FmuError
 from eightpost.outputs import FMU, check_file
 from eightpost.progress import Progress
 from eightpost.report.static import Column, Picture, Section, folded, paragraph, table
-from eightpost.shock import Settings, ShockLaw
+from eightpost.shock import ShockLaw
 from eightpost.vehicle import LinearStepper, friction
 from eightpost.vehicle.friction import PortFriction, named_ports
 from eightpost.wiring import Wire, Wiring
-
-# ==== Documentation and reference results ============================================================================
-
 
 # ---- The parts as models of the library -----------------------------------------------------------------------------
 
@@ -53,32 +50,22 @@ def _start_values(assembly: Assembly, part: Part) -> dict[str, float | bool]:
     return {name: assembly.starts.get(f"{part.name}.{name}", value) for name, value in own.items()}
 
 
-def _shock_law(assembly: Assembly, part: Part) -> ShockLaw:
-    values = _start_values(assembly, part)
-    law = law_of(part.kind, values)
-    return law if part.settings is None else part.settings.law_at(law, _setting(part.settings, values))
-
-
-def _setting(settings: Settings, values: Mapping[str, float | bool]) -> tuple[float, ...]:
-    return tuple(float(values[axis.variable]) for axis in settings.axes)
-
-
 class _Shock:
     """A shock of an assembly with its start values, at any temperature if that is an input."""
 
     def __init__(self, assembly: Assembly, part: Part) -> None:
-        self._values = _start_values(assembly, part)
-        self._given, self._settings = law_of(part.kind, self._values), part.settings
+        self._values, self._settings = _start_values(assembly, part), part.settings
+        self._given = law_of(part.kind, self._values)
         inputs = part.interface.names("input")
         self._temperature = inputs.index("temperature") if "temperature" in inputs else None
         self._laws: dict[tuple[float, ...], ShockLaw] = {}
 
-    def law(self, u: Array) -> ShockLaw:
-        """Return the law with the inputs (m,) of the shock."""
+    def law(self, u: Array | None = None) -> ShockLaw:
+        """Return the law at the start values, or with the inputs (m,) of the shock."""
         if self._settings is None:
             return self._given
-        warm = {} if self._temperature is None else {"temperature": float(u[self._temperature])}
-        setting = _setting(self._settings, self._values | warm)
+        warm = {} if u is None or self._temperature is None else {"temperature": float(u[self._temperature])}
+        setting = tuple(float((self._values | warm)[axis.variable]) for axis in self._settings.axes)
         if setting not in self._laws:
             self._laws[setting] = self._settings.law_at(self._given, setting)
         return self._laws[setting]
@@ -288,22 +275,16 @@ _CAPTION = "Force at the port of each shock without gas force, over the fitted v
 
 def _assembly_documents(assembly: Assembly, interface: Interface, fmi: int = 2) -> dict[str, bytes]:
     """Return the documents of an archive: member name -> content; the same assembly gives the same bytes."""
-    picture = curves_picture(assembly.identifier, {part.name: _shock_law(assembly, part) for part in assembly.shocks})
+    picture = curves_picture(assembly.identifier, {part.name: _Shock(assembly, part).law() for part in assembly.shocks})
     reference = _assembly_reference(assembly, interface)
     parts = [(part.name, part.file, part.text, part.guid) for part in assembly.parts]
-    contents = Contents(
-        assembly.identifier,
-        assembly.text,
-        interface,
-        Picture(picture, _CAPTION),
-        [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)],
-        reference is not None,
-        fmi,
-    )
+    origin = [Section("Parts", table(_PARTS, parts)), _connections(assembly), _equations(assembly)]
+    described = assembly.identifier, assembly.text, interface
+    html = page(described, Picture(picture, _CAPTION), origin, has_reference=reference is not None, fmi=fmi)
     return {
         "model.png": picture,
         **({"terminalsAndIcons/icon.png": picture} if fmi == 3 else {}),
-        "documentation/index.html": page(contents),
+        "documentation/index.html": html,
         "documentation/licenses/license.txt": (source_folder() / "LICENSE.txt").read_bytes(),
         **combined_member(
             {part.name: part.validity for part in assembly.parts},
@@ -334,9 +315,6 @@ def _equations(assembly: Assembly) -> Section:
     for kind in kinds:
         html += folded(kind, re.sub(r'(id="|href="#)', rf"\g<1>{kind}-", equations(kind)))
     return Section("Equations of the parts", html)
-
-
-# ==== The C sources and the file =====================================================================================
 
 
 # ---- The C sources of an assembly -----------------------------------------------------------------------------------
@@ -550,7 +528,6 @@ def assemble(
     path: str | Path,
     *,
     fmi: int = 2,
-    toolchain: Toolchain | None = None,
     progress: Progress | None = None,
 ) -> Assembled:
     """Write a system as one native FMU; the same system gives the same bytes.
@@ -559,7 +536,6 @@ def assemble(
         wiring: Vehicle, shocks and connections to assemble; see `cosim.System.wiring`.
         path: FMU file to write; its name must be a C identifier.
         fmi: FMI version, 2 or 3.
-        toolchain: Compiler and its platforms; by default, the one with the most platforms that is installed.
         progress: Callback that receives the number of compiled binaries and the total number.
 
     Raises:
@@ -573,8 +549,7 @@ def assemble(
         )
     assembly = Assembly.of(wiring, path.stem)
     check_file(path, FMU)
-    toolchain = toolchain or find_toolchain()
-    interface = assembly_interface(assembly)
+    toolchain, interface = find_toolchain(), assembly_interface(assembly)
     (members,) = compiled([without_binaries(assembly, interface, fmi)], toolchain=toolchain, progress=progress)
     write_archive(path, members)
     platforms = tuple(platform.name for platform in toolchain.platforms)

@@ -35,8 +35,6 @@ from eightpost.shock.settings import LAGGED_SLOPE, TEMPERATURE
 from eightpost.validity import MEMBER
 from eightpost.wiring import Wire, Wiring
 
-# ==== The law and the settings of a shock, read from the contents of its FMU =========================================
-
 
 def law_of(kind: str, values: Mapping[str, float | bool]) -> ShockLaw:
     """Return a shock's law for the values of its variables.

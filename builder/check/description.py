@@ -16,8 +16,6 @@ from eightpost import units
 from eightpost.errors import UnknownUnitError
 from eightpost.fmi import BUILD, Description, Unit, Variable, whole_number
 
-# ==== Rules for modelDescription.xml except its variables: identity, model structure, capabilities, model exchange ===
-
 # ---- Identity -------------------------------------------------------------------------------------------------------
 
 _VERSION_3 = re.compile(r"3\.0(\.\d+)?(-.+)?")
@@ -211,8 +209,6 @@ def exchange(fmu: Description) -> Faults:
         bare = (state.name for _, state in pairs if "nominal" not in state.attributes)
         yield "state-nominal", some(bare, "without a nominal value: ")
 
-
-# ==== Rules for ModelVariables and UnitDefinitions ===================================================================
 
 # ---- Names, value references, causalities, start values -------------------------------------------------------------
 

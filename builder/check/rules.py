@@ -1,4 +1,4 @@
-"""Rules of the check, which rules.txt lists, groups of checks, findings, and the report."""
+"""Rules and groups of the check, which rules.txt and groups.txt list, findings, and the report."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from typing import Any
 
 from eightpost import __version__
 from eightpost.fmi import FLAGS, function_name
-
-# ==== Rules of the check, which rules.txt lists, their levels, and findings ==========================================
 
 
 class Level(Enum):
@@ -65,6 +63,12 @@ class Finding:
     rule: Rule
     message: str
 
+    def document(self) -> dict[str, str]:
+        """Return the finding as a JSON object (docs/reference/check.md)."""
+        rule, level = self.rule, self.rule.level.value
+        stated = {"rule": rule.identifier, "level": level, "title": rule.title, "source": rule.source}
+        return stated | {"message": self.message, "advice": rule.advice}
+
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
@@ -74,11 +78,11 @@ class Skipped:
     reason: str
 
 
-def _rules() -> Iterator[Rule]:
-    for line in Path(__file__).with_name("rules.txt").read_text(encoding="utf-8").splitlines():
+def _rows(name: str) -> Iterator[list[str]]:
+    """Yield the cells of each row of a table beside this module."""
+    for line in Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
-            identifier, level, *texts = line.split(" | ")
-            yield Rule(identifier, Level(level), *texts)
+            yield line.split(" | ")
 
 
 #: What a check cannot see.
@@ -88,7 +92,7 @@ LIMITS = (
 )
 
 #: All rules by identifier.
-RULES = {rule.identifier: rule for rule in _rules()}
+RULES = {row[0]: Rule(row[0], Level(row[1]), *row[2:]) for row in _rows("rules.txt")}
 
 #: What a rule or probe says: the identifier of the rule, and what is wrong, or an empty text.
 Fault = tuple[str, str]
@@ -117,100 +121,25 @@ def some(names: Iterable[str], before: str = "", after: str = "", *, most: int =
 
 @dataclass(frozen=True)
 class Group:
-    """A group of checks: its description, and for probes the module and the rule that a crash breaks.
+    """A group of checks: for probes the module and the rule that a crash breaks, and its description (groups.txt)."""
 
-    The probe of a group is the function `probe_<group>` of `builder.check.probes.<module>`.
-    """
-
+    module: str
+    crash: str
     title: str
-    module: str = ""
-    crash: str = "crash"
 
 
-_MISUSE = "crash-misuse"
-
-GROUPS = {
-    "static": Group("archive, description, units, model structure, capabilities, binaries, documents"),
-    "tools": Group("fmpy validate and fmutool -check: schema and semantic rules"),
-    "simulation": Group(
-        "simulation: start values, constant inputs, then a sine on every input, twice, with and without logs",
-        "simulation",
-    ),
-    "inputs": Group(
-        "inputs kept after initialization and after steps; tunable parameters changed between steps", "simulation"
-    ),
-    "hosts": Group(
-        "names, tolerances, stop times by rounding, and values before initialization as hosts use them",
-        "misuse",
-    ),
-    "state_machine": Group(
-        "calls in the wrong order, invalid steps, stop time, locked variables, GUID", "misuse", _MISUSE
-    ),
-    "values": Group("unknown references, NaN, infinity and out-of-range values", "misuse", _MISUSE),
-    "null": Group("NULL arguments", "misuse", _MISUSE),
-    "first_outputs": Group("outputs before the first step compared with those after a tiny step", "simulation"),
-    "model_exchange": Group(
-        "model exchange, if it is declared: modes, states, derivatives, dependencies, FMU states, the results of "
-        "co-simulation",
-        "exchange",
-    ),
-    "reset": Group(
-        "reset after changed parameters and inputs, and after the default experiment, then the same run again",
-        "instances",
-    ),
-    "state": Group("FMU state: rollback; serialized, restored in another instance and another process", "instances"),
-    "corrupt_state": Group("damaged serialized states", "instances", _MISUSE),
-    "initial_dependencies": Group("dependencies at initialization: every known variable perturbed", "dependencies"),
-    "dependencies": Group("dependencies over a tiny step: every input perturbed", "dependencies"),
-    "derivatives": Group(
-        "directional derivatives compared with central differences; input and output derivatives", "dependencies"
-    ),
-    "version_3": Group(
-        "FMI 3.0: results of steps, intermediate updates, arrays, numbers of states and values, adjoint derivatives",
-        "version3",
-    ),
-    "steps": Group("steps from 1e-7 s to 0.05 s in irregular order, from another start time", "simulation"),
-    "instances": Group("instances: two interleaved, fifty at once, four threads, 300 created and freed", "instances"),
-    "footprint": Group("effects on the process: locale, folder, signals, streams, arithmetic, memory", "instances"),
-    "surroundings": Group("an empty environment, a read-only folder, a path with special characters", "simulation"),
-    "ports": Group("signs and energy of shocks and vehicles with velocity/force ports", "simulation"),
-    "reference": Group("reference results in extra/, computed again", "simulation"),
-    "rebuild": Group("sources compiled, and outputs compared"),
-}
+GROUPS = {name: Group(*cells) for name, *cells in _rows("groups.txt")}
 
 
 # ==== FMI 3.0 in the terms of FMI 2.0: names of functions and attributes, and the texts of findings ==================
 
-_WORDS = {
-    **{re.escape(old): new for new, old in FLAGS.items() if new != "providesDirectionalDerivatives"},
-    r"providesDirectionalDerivative\b": "providesDirectionalDerivatives",
-    r"ModelStructure/(Outputs|Derivatives)": "ModelStructure",
-    r"\bOutputs\b(?! (depend|are|before|cannot))": "Output",
-    r"\bDerivatives\b(?! (are|follow|depend))": "ContinuousStateDerivative",
-    "InitialUnknowns": "InitialUnknown",
-    "fmiVersion is 2.0": "fmiVersion is 3.0",
-    'fmiVersion="2.0", also for 2.0.1 to 2.0.4': 'fmiVersion="3.0", also for 3.0.1 and 3.0.2',
-    "attribute guid": "attribute instantiationToken",
-    "a GUID": "an instantiationToken",
-    "GUID": "instantiationToken",
-    "SourceFiles of ModelExchange": "buildDescription.xml",
-    "SourceFiles": "buildDescription.xml",
-    "[Ii]nput derivatives": "intermediate updates of inputs",
-    "model.png": "terminalsAndIcons/icon.png",
-    "win32, win64, linux32, linux64, darwin64": "x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-linux and so on",
-    "indices of variables": "value references of variables",
-    "use indices that count from 1 in the order of ModelVariables": "use value references",
-    "Inputs and time have no attribute initial": "Time has no attribute initial",
-    "At most one variable is independent": "Exactly one variable is independent",
-    "keep one$": "declare one variable as time",
-    "Variables with the same value reference .*": "Each variable has its own value reference",
-    "list each index once": "list each value reference once",
-    "Only Real variables": "Only Float32 and Float64 variables",
-    r"\bReals\b": "Float64 variables",
-    r"\bReal\b": "Float64",
-    "see the tables of section 2.2.7": "see the tables of section 2.4.7",
-}
-_TRANSLATIONS = tuple((re.compile(old), new) for old, new in _WORDS.items())
+_TRANSLATIONS = tuple(
+    (re.compile(old), new)
+    for old, new in (
+        *((re.escape(old), new) for new, old in FLAGS.items() if new != "providesDirectionalDerivatives"),
+        *_rows("version3.txt"),
+    )
+)
 
 _SOURCES = {"FMI 2.2": "FMI 3.0 2.4", "FMI 2.3": "FMI 3.0 2.5", "FMI 2.1": "FMI 3.0 2.3", "FMI 4": "FMI 3.0 4"}
 
@@ -282,7 +211,7 @@ class CheckReport:
             "groups": list(self.groups),
             "done": list(self.done),
             "skipped": [{"what": item.what, "reason": item.reason} for item in self.skipped],
-            "findings": [_finding(finding) for finding in self.findings],
+            "findings": [finding.document() for finding in self.findings],
         }
 
 
@@ -301,17 +230,6 @@ class NotChecked:
     def document(self) -> dict[str, Any]:
         """Return the entry as a JSON object (docs/reference/check.md)."""
         return {"path": str(self.path), "acceptable": self.acceptable, "error": self.error}
-
-
-def _finding(finding: Finding) -> dict[str, str]:
-    return {
-        "rule": finding.rule.identifier,
-        "level": finding.rule.level.value,
-        "title": finding.rule.title,
-        "source": finding.rule.source,
-        "message": finding.message,
-        "advice": finding.rule.advice,
-    }
 
 
 def json_document(reports: Sequence[CheckReport | NotChecked]) -> dict[str, Any]:

@@ -39,8 +39,6 @@ from eightpost.files import sha256_of
 from eightpost.fmi import BUILD, Description
 from eightpost.workers import process
 
-# ==== Probes: a crash or a hang is a finding that names the last FMI call ============================================
-
 #: Longest processor time of a valid and of an invalid call; time for a process [s].
 _PATIENCE, _MISUSE_PATIENCE, _TIMEOUT = 6.0, 0.7, 900.0
 #: Processor time of the groups of valid calls, of those of invalid ones, and of a run in other surroundings [s].
@@ -202,8 +200,6 @@ def differences(rule: str, plain: Outcome, other: Outcome) -> Iterator[Finding]:
     elif plain.values and other.values and other.values != plain.values:
         yield RULES[rule].finding("it runs, but the outputs differ")
 
-
-# ==== Third-party tools ==============================================================================================
 
 # ---- Checkers -------------------------------------------------------------------------------------------------------
 
@@ -382,22 +378,6 @@ _AT_ONCE = 2
 _LONG = ("reset", "initial_dependencies", "instances")
 
 
-@dataclass
-class _Ledger:
-    """Groups, skipped checks and findings of a check so far."""
-
-    groups: list[str] = field(default_factory=list)
-    skipped: list[Skipped] = field(default_factory=list)
-    findings: list[Finding] = field(default_factory=list)
-
-    def enter(self, group: str, outcome: Outcome) -> None:
-        """Add the outcome of a group."""
-        self.findings += outcome.findings
-        self.skipped += [Skipped(f"{group}: {what}" if what else group, reason) for what, reason in outcome.skipped]
-        if not any(not what for what, _ in outcome.skipped):
-            self.groups.append(group)
-
-
 def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
     """Check an FMU; see `builder.check.check`.
 
@@ -407,20 +387,17 @@ def run(path: Path, scope: Scope, groups: Collection[str]) -> CheckReport:
     if unknown := sorted(set(groups) - GROUPS.keys()):
         raise FmuError(f"group of checks {unknown[0]!r} is not known; use some of {', '.join(GROUPS)}")
     subject = read_subject(path)
-    ledger = _Ledger()
-    if "static" in groups:
-        ledger.enter("static", Outcome(tuple(static_findings(subject))))
-    if "tools" in groups:
-        is_safe, reason = subject.is_safe, "the archive is not safe to unpack"
-        ledger.enter("tools", Outcome(tuple(_tool_findings(subject))) if is_safe else _skipped(reason))
-    _call(subject, [group for group in GROUPS if group in groups], ledger)
-    found = [finding for finding in dict.fromkeys(ledger.findings) if scope.covers(finding.rule.level)]
+    outcomes = dict(_applied(subject, [group for group in GROUPS if group in groups]))
+    done = tuple(group for group, one in outcomes.items() if group in groups and all(what for what, _ in one.skipped))
+    skipped = [
+        (f"{group}: {what}" if what else group, why) for group, one in outcomes.items() for what, why in one.skipped
+    ]
+    found = [finding for one in outcomes.values() for finding in one.findings if scope.covers(finding.rule.level)]
     if subject.description is not None and subject.description.fmi == 3:
         found = [finding_in_version_3(finding) for finding in found]
-        texts = [map(text_in_version_3, (item.what, item.reason)) for item in ledger.skipped]
-        ledger.skipped = [Skipped(*pair) for pair in texts]
-    found.sort(key=lambda finding: list(Level).index(finding.rule.level))
-    return CheckReport(path, scope, _identity(subject), tuple(ledger.groups), tuple(ledger.skipped), tuple(found))
+        skipped = [(text_in_version_3(what), text_in_version_3(why)) for what, why in skipped]
+    found = sorted(dict.fromkeys(found), key=lambda finding: list(Level).index(finding.rule.level))
+    return CheckReport(path, scope, _identity(subject), done, tuple(Skipped(*one) for one in skipped), tuple(found))
 
 
 def _identity(subject: CheckedFmu) -> dict[str, str]:
@@ -430,16 +407,23 @@ def _identity(subject: CheckedFmu) -> dict[str, str]:
     return {**stated, "sha256": sha256_of(subject.path)}
 
 
-def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
-    """Apply the groups that call the FMU: first the simulation, then the others if the simulation works."""
+def _applied(subject: CheckedFmu, groups: list[str]) -> Iterator[tuple[str, Outcome]]:
+    """Apply groups of checks; yield their outcomes, one for those together that are skipped for one reason.
+
+    Of those that call the FMU, the simulation is first; it has an outcome of its own if it fails for others.
+    """
+    if "static" in groups:
+        yield "static", Outcome(tuple(static_findings(subject)))
+    if "tools" in groups:
+        unsafe = _skipped("the archive is not safe to unpack")
+        yield "tools", Outcome(tuple(_tool_findings(subject))) if subject.is_safe else unsafe
     description = subject.description
     left_out = ["static", "tools", *(["version_3"] if description and description.fmi == 2 else [])]
     selected = [group for group in groups if group not in left_out]
     if not selected:
         return
     if description is None or (reason := _reason_not_to_call(subject, description)):
-        reason = reason if description else "there is no valid modelDescription.xml"
-        ledger.skipped.append(Skipped(", ".join(selected), reason))
+        yield ", ".join(selected), _skipped(reason if description else "there is no valid modelDescription.xml")
         return
     with tempfile.TemporaryDirectory(prefix="eightpost_check_") as folder:
         unpacked = Unpacked(Path(folder) / "fmu")
@@ -450,12 +434,10 @@ def _call(subject: CheckedFmu, groups: list[str], ledger: _Ledger) -> None:
         else:
             outcomes, reason = _outcomes(subject, selected, unpacked), "a plain simulation does not work"
     for group in GROUPS:
-        if group in selected and group in outcomes:
-            ledger.enter(group, outcomes[group])
-        elif group in outcomes and not outcomes[group].completed:
-            ledger.findings += outcomes[group].findings
+        if group in outcomes and (group in selected or not outcomes[group].completed):
+            yield group, outcomes[group] if group in selected else Outcome(outcomes[group].findings)
     if others := [group for group in selected if group not in outcomes]:
-        ledger.skipped.append(Skipped(", ".join(others), reason))
+        yield ", ".join(others), _skipped(reason)
 
 
 def _outcomes(subject: CheckedFmu, selected: list[str], unpacked: Unpacked) -> dict[str, Outcome]:

@@ -89,16 +89,40 @@ def tabled(entry: Mapping[str, Any], change: Callable[[Mapping[str, str]], Chang
 # ---- Changes --------------------------------------------------------------------------------------------------------
 
 
-def in_description(entry: Mapping[str, str]) -> Change:
-    """Return a replacement of a regular expression in an XML file: in all of it, in a variable, or in a section."""
+def on_file(entry: Mapping[str, Any]) -> Change:
+    """Return a change of the archive, or a replacement of a regular expression in an XML file or a part of it."""
 
     def change(members: Members) -> None:
         name = entry.get("member", XML)
-        text = members[name].decode()
-        begin, end = _range(text, entry)
-        inside, changed = re.subn(entry["old"], entry["new"], text[begin:end], count=1, flags=re.DOTALL)
-        assert changed, f"there is no {entry['old']!r} to change"
-        members[name] = (text[:begin] + inside + text[end:]).encode()
+        match entry:
+            case {"removed": begin}:
+                gone = [member for member in members if member.startswith(begin)]
+                assert gone
+                for member in gone:
+                    del members[member]
+            case {"moved": new}:
+                members[new] = members.pop(name)
+            case {"copied": source}:
+                members[name] = members[source]
+            case {"swapped": other}:
+                members[name], members[other] = members[other], members[name]
+            case {"content": text}:
+                members[name] = text.encode("latin-1")
+            case {"first": count}:
+                members[name] = members[name][:count] + bytes(entry.get("zeros", 0))
+            case {"cut": True}:
+                members[name] = members[name][: len(members[name]) * 2 // 3]
+            case {"bytes": [old, new]}:
+                assert old.encode() in members[name], f"there is no {old!r} in {name}"
+                members[name] = members[name].replace(old.encode(), new.encode())
+            case {"encoding": encoding}:
+                members[name] = members[name].decode().encode(encoding)
+            case _:
+                text = members[name].decode()
+                begin, end = _range(text, entry)
+                inside, changed = re.subn(entry["old"], entry["new"], text[begin:end], count=1, flags=re.DOTALL)
+                assert changed, f"there is no {entry['old']!r} to change"
+                members[name] = (text[:begin] + inside + text[end:]).encode()
 
     return change
 
@@ -137,7 +161,7 @@ def in_source(entry: Mapping[str, str]) -> Change:
 
 def in_either(entry: Mapping[str, str]) -> Change:
     """Return a change of a C source, or of modelDescription.xml if no source is named."""
-    return in_source(entry) if entry.keys() & {"file", "after_step"} else in_description(entry)
+    return in_source(entry) if entry.keys() & {"file", "after_step"} else on_file(entry)
 
 
 def after_step(code: str, declare: str) -> Change:
@@ -151,79 +175,6 @@ def after_step(code: str, declare: str) -> Change:
         members["sources/step.c"] = text.replace(stepped, stepped + f" {code}".encode())
 
     return change
-
-
-def edited(name: str, old: bytes, new: bytes) -> Change:
-    """Return a replacement of bytes in one member."""
-
-    def change(members: Members) -> None:
-        assert old in members[name], f"there is no {old!r} in {name}"
-        members[name] = members[name].replace(old, new)
-
-    return change
-
-
-def without(name: str) -> Change:
-    """Return the removal of members whose names start with `name`."""
-
-    def change(members: Members) -> None:
-        gone = [member for member in members if member.startswith(name)]
-        assert gone
-        for member in gone:
-            del members[member]
-
-    return change
-
-
-def member(name: str, alter: Callable[[bytes], bytes]) -> Change:
-    """Return a change of one member, which is created if it is missing."""
-
-    def change(members: Members) -> None:
-        members[name] = alter(members.get(name, b""))
-
-    return change
-
-
-def moved(old: str, new: str) -> Change:
-    """Return a renaming of one member."""
-
-    def change(members: Members) -> None:
-        members[new] = members.pop(old)
-
-    return change
-
-
-def swapped(first: str, second: str) -> Change:
-    """Return an exchange of two members."""
-
-    def change(members: Members) -> None:
-        members[first], members[second] = members[second], members[first]
-
-    return change
-
-
-def copied(source: str, target: str) -> Change:
-    """Return the replacement of one member with a copy of another."""
-
-    def change(members: Members) -> None:
-        members[target] = members[source]
-
-    return change
-
-
-def both(*changes: Change) -> Change:
-    """Return the combination of several changes."""
-
-    def change(members: Members) -> None:
-        for one in changes:
-            one(members)
-
-    return change
-
-
-def cut(content: bytes) -> bytes:
-    """Return the first two thirds of a file."""
-    return content[: len(content) * 2 // 3]
 
 
 # ---- Defective FMUs -------------------------------------------------------------------------------------------------

@@ -1,15 +1,21 @@
 """`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
+from __future__ import annotations
+
 import json
 import re
 import resource
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
+from fmpy.validation import _validate_variable_names as validate_names
+from fmpy.validation import validate_fmu
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from builder.check import CATALOGUE, GROUPS, Level, Scope, check, run
 from builder.check.archive import read_subject
@@ -59,12 +65,6 @@ def in_slave(old, new):
     return alter
 
 
-@pytest.fixture(scope="module")
-def fmus(universal_fmus):
-    """FMUs as they are shipped: with the binaries of all platforms."""
-    return universal_fmus
-
-
 @pytest.mark.repeated("lpnl2-5 groups", "quarter_car-5 groups")
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -76,17 +76,11 @@ def fmus(universal_fmus):
     ],
     ids=lambda value: value if isinstance(value, str) else f"{len(value)} groups",
 )
-def test_our_native_fmus_have_no_findings_and_no_hints(fmus, name, groups):
-    report = check(fmus[name], groups=groups)
+def test_our_native_fmus_have_no_findings_and_no_hints(universal_fmus, name, groups):
+    report = check(universal_fmus[name], groups=groups)
     assert report.findings == ()
     assert report.skipped == ()
     assert report.done == tuple(GROUPS[group].title for group in groups)
-
-
-@pytest.mark.nightly
-def test_a_native_fmu_can_be_rebuilt_from_its_sources(fmus):
-    report = check(fmus["quarter_car"], groups=("rebuild",))
-    assert report.findings == ()
 
 
 @pytest.mark.nightly
@@ -99,44 +93,6 @@ def test_a_python_fmu_breaks_three_rules_of_the_standard_and_declares_that_it_ne
     assert {"execution-tool", "undefined-python", "platforms", "crash-misuse"} <= rules(report)
     assert "execution-tool-honest" not in rules(report)
     assert not report.acceptable
-
-
-@pytest.fixture(scope="module")
-def container(tmp_path_factory, fmus):
-    """Return a container of two FMUs built by fmu-manipulation-toolbox, with a foreign binary and description."""
-    folder = tmp_path_factory.mktemp("container")
-    for name in ("quarter_car", "lpnl2"):
-        (folder / f"{name}.fmu").write_bytes(fmus[name].read_bytes())
-    link = [
-        ["quarter_car.fmu", "velocity", "lpnl2.fmu", "velocity"],
-        ["lpnl2.fmu", "force", "quarter_car.fmu", "force"],
-    ]
-    plan = {"name": "container.fmu", "step_size": 1e-3, "fmu": ["quarter_car.fmu", "lpnl2.fmu"], "link": link}
-    (folder / "plan.json").write_text(json.dumps(plan), encoding="utf-8")
-    line = ["-c", "from fmu_manipulation_toolbox.cli.fmucontainer import fmucontainer; fmucontainer()"]
-    line += ["-container", "plan.json", "-fmu-directory", "."]
-    subprocess.run([sys.executable, *line], cwd=folder, check=True, capture_output=True)
-    return folder / "container.fmu"
-
-
-@pytest.fixture(scope="module")
-def container_report(container):
-    """Return the full report on the container, one of whose calls hangs."""
-    return check(container)
-
-
-@pytest.mark.nightly
-def test_a_foreign_native_fmu_breaks_no_more_rules_of_the_standard_than_are_known(container_report):
-    """Check the known defects: fmu-manipulation-toolbox 2.0 ignores the stop time, the GUID and the start time."""
-    found = {finding.rule.identifier for finding in container_report.of(Level.ERROR)}
-    assert found == {"stop-time", "guid-checked", "time-variable"}
-
-
-@pytest.mark.nightly
-def test_crashes_and_hangs_of_a_foreign_fmu_on_invalid_calls_are_reported(container_report):
-    crashes = [finding.message for finding in container_report.findings if finding.rule.identifier == "crash-misuse"]
-    assert any(re.search("did not end within .* in or after fmi2DoStep", message) for message in crashes)
-    assert any("killed by signal 11 in or after fmi2GetReal with NULL" in message for message in crashes)
 
 
 #: Groups that are skipped for each FMU because it does not support them; all others run.
@@ -201,10 +157,10 @@ def leaving_only(*kept):
 @pytest.mark.parametrize(
     ("kept", "has"), [(("binaries/win64/",), "win64, sources"), ((), "sources")], ids=["only win64", "only sources"]
 )
-def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(fmus, tmp_path, kept, has):
+def test_an_fmu_without_a_binary_for_this_machine_breaks_no_rule_of_the_standard(universal_fmus, tmp_path, kept, has):
     if this_platform().name == "win64":
         pytest.skip("win64 is this machine's")
-    path = altered(fmus["lpnl2"], tmp_path / "lpnl2.fmu", leaving_only(*kept))
+    path = altered(universal_fmus["lpnl2"], tmp_path / "lpnl2.fmu", leaving_only(*kept))
     assert CliRunner().invoke(command, ["--standard", str(path)]).exit_code == 0
     report = check(path)
     assert rules(report) == {"platforms"}
@@ -238,12 +194,12 @@ def test_later_checks_are_skipped_if_an_fmu_cannot_be_simulated(python_fmus, tmp
     assert [skipped.what for skipped in report.skipped] == ["reset, steps"]
 
 
-def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(fmus, monkeypatch):
+def test_a_probe_that_cannot_be_started_is_an_error_and_not_a_finding(universal_fmus, monkeypatch):
     monkeypatch.setattr(
         run.process, "python_command", lambda *_: [sys.executable, "-c", "raise ImportError('no probes')"]
     )
     with pytest.raises(EightpostError, match=r"could not be started.*no probes"):
-        check(fmus["lpnl2"], groups=("simulation",))
+        check(universal_fmus["lpnl2"], groups=("simulation",))
 
 
 @pytest.mark.slow
@@ -294,7 +250,7 @@ def test_an_fmu_that_is_slow_is_skipped_from_there_on_without_a_finding(python_f
 
 
 @pytest.mark.parametrize("unit", SI_UNITS)
-def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, fmus, tmp_path):
+def test_correct_si_exponents_of_a_unit_are_accepted_and_others_reported(unit, universal_fmus, tmp_path):
     def described(exponents):
         base = "".join(f' {name}="{power}"' for name, power in exponents.items())
         text = f'<UnitDefinitions><Unit name="{unit}"><BaseUnit{base}/></Unit></UnitDefinitions>'
@@ -341,9 +297,9 @@ def test_files_other_than_fmus_of_fmi_2_and_3_are_rejected(tmp_path):
         check(tmp_path / "none.fmu")
 
 
-def test_an_unknown_group_is_refused_by_name(fmus):
+def test_an_unknown_group_is_refused_by_name(universal_fmus):
     with pytest.raises(FmuError, match="'dynamic'"):
-        check(fmus["lpnl2"], groups=("dynamic",))
+        check(universal_fmus["lpnl2"], groups=("dynamic",))
 
 
 @pytest.mark.parametrize(
@@ -362,3 +318,56 @@ def test_a_description_with_arbitrary_content_gives_findings_but_no_traceback(co
 def test_a_start_value_must_be_in_the_range_of_its_type(native, low, high):
     first, beyond = _integers(native)
     assert (first, beyond - 1) == (low, high)
+
+
+# ---- Third-party checkers --------------------------------------------------------------------------------------------
+
+
+XML = "modelDescription.xml"
+
+
+def found_by_fmpy(names):
+    variables = [SimpleNamespace(name=name, sourceline=1) for name in names]
+    return validate_names(SimpleNamespace(variableNamingConvention="structured", modelVariables=variables))
+
+
+@pytest.mark.nightly
+@settings(max_examples=8)
+@given(st.lists(st.from_regex(run._PLAIN_NAME, fullmatch=True).filter(lambda name: len(name) < 30), max_size=4))
+def test_fmpy_accepts_every_plain_name(names):
+    assert found_by_fmpy(names) == []
+
+
+@pytest.mark.repeated(2)
+@pytest.mark.parametrize(
+    "name", ["1x", "a b", "a..b", "a[", "a[x]", "a\n", "der(a", "der(a,)", "x\u0661", "é", "", "a."]
+)
+def test_a_name_that_fmpy_refuses_is_not_plain(name):
+    assert found_by_fmpy([name])
+    assert not run._PLAIN_NAME.fullmatch(name)
+
+
+#: Changes of a description, and a word of the problem that FMPy reports.
+CHANGES = {
+    "none": ((b"<fmi", b"<fmi"), None),
+    "a name that is not allowed": ((b'name="seal_friction"', b'name="seal friction"'), "not a legal variable name"),
+    "a name that exists twice": ((b'name="seal_friction"', b'name="gas_preload"'), "not unique"),
+    "an element that the schema lacks": ((b"<ModelVariables>", b"<Novelty/><ModelVariables>"), "Novelty"),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("change", CHANGES)
+def test_the_findings_are_those_of_fmpy(universal_fmus, tmp_path, change):
+    (old, new), word = CHANGES[change]
+    members = read_archive(universal_fmus["lpf1"])
+    assert old in members[XML]
+    write_archive(tmp_path / "lpf1.fmu", members | {XML: members[XML].replace(old, new, 1)})
+    found = run._fmpy(read_subject(tmp_path / "lpf1.fmu"))
+    assert found == [str(problem) for problem in validate_fmu(str(tmp_path / "lpf1.fmu"))]
+    assert any(word in problem for problem in found) if word else found == []
+
+
+def test_the_parser_of_names_is_left_out_for_plain_names(universal_fmus, monkeypatch):
+    monkeypatch.setattr("fmpy.validation._validate_variable_names", lambda _: pytest.fail("it takes long"))
+    assert run._fmpy(read_subject(universal_fmus["seven_dof"])) == []

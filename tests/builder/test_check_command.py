@@ -13,14 +13,8 @@ from eightpost.app.exchange import show_report
 from eightpost.archive import read_archive, write_archive
 
 
-@pytest.fixture(scope="module")
-def fmus(universal_fmus):
-    """FMUs as they are shipped: with the binaries of all platforms."""
-    return universal_fmus
-
-
-def test_the_json_document_contains_everything_that_the_table_shows(fmus, tmp_path):
-    report = check(fmus["lpnl2"], groups=("static", "reference"))
+def test_the_json_document_contains_everything_that_the_table_shows(universal_fmus, tmp_path):
+    report = check(universal_fmus["lpnl2"], groups=("static", "reference"))
     document = json.loads(json.dumps(json_document([report])))
     assert (document["kind"], document["schema"], document["acceptable"]) == ("check", 1, True)
     (entry,) = document["reports"]
@@ -45,9 +39,9 @@ def quickly(monkeypatch):
 
 
 def test_hints_exit_0_and_drop_in_findings_exit_1_unless_the_scope_is_the_standard(
-    quickly, fmus, python_fmus, tmp_path
+    quickly, universal_fmus, python_fmus, tmp_path
 ):
-    hinted, members = tmp_path / "lpnl2.fmu", read_archive(fmus["lpnl2"])
+    hinted, members = tmp_path / "lpnl2.fmu", read_archive(universal_fmus["lpnl2"])
     del members["model.png"]
     write_archive(hinted, members)
     shown = quickly(hinted)
@@ -58,8 +52,8 @@ def test_hints_exit_0_and_drop_in_findings_exit_1_unless_the_scope_is_the_standa
     assert shown.exit_code == 0 and "clean" in shown.output
 
 
-def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, python_fmus):
-    shown = quickly("--json", fmus["lpnl2"], python_fmus["lpnl2"])
+def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, universal_fmus, python_fmus):
+    shown = quickly("--json", universal_fmus["lpnl2"], python_fmus["lpnl2"])
     document = json.loads(shown.output)
     assert shown.exit_code == 1 and not document["acceptable"]
     assert [report["acceptable"] for report in document["reports"]] == [True, False]
@@ -68,8 +62,8 @@ def test_json_on_the_command_line_is_one_document_of_all_fmus(quickly, fmus, pyt
 
 
 @pytest.mark.parametrize("place", [0, 1], ids=["first", "last"])
-def test_an_invalid_file_does_not_hide_the_reports_of_the_others(quickly, fmus, tmp_path, place):
-    given = [fmus["lpnl2"]]
+def test_an_invalid_file_does_not_hide_the_reports_of_the_others(quickly, universal_fmus, tmp_path, place):
+    given = [universal_fmus["lpnl2"]]
     given.insert(place, tmp_path / "missing.fmu")
     shown = quickly(*given)
     assert shown.exit_code == 2
@@ -77,9 +71,9 @@ def test_an_invalid_file_does_not_hide_the_reports_of_the_others(quickly, fmus, 
     assert "there is no such file" in " ".join(shown.stderr.split())
 
 
-def test_json_has_an_entry_for_a_bad_file_whose_error_is_also_printed_to_stderr(quickly, fmus, tmp_path):
+def test_json_has_an_entry_for_a_bad_file_whose_error_is_also_printed_to_stderr(quickly, universal_fmus, tmp_path):
     (tmp_path / "text ä.fmu").write_text("no")
-    shown = quickly("--json", fmus["lpnl2"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
+    shown = quickly("--json", universal_fmus["lpnl2"], tmp_path / "missing.fmu", tmp_path / "text ä.fmu")
     document = json.loads(shown.stdout)
     good, missing, text = document["reports"]
     assert shown.exit_code == 2 and not document["acceptable"]
@@ -89,12 +83,12 @@ def test_json_has_an_entry_for_a_bad_file_whose_error_is_also_printed_to_stderr(
     assert "no such file" in " ".join(shown.stderr.split())
 
 
-def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(fmus, monkeypatch):
+def test_the_command_warns_that_it_runs_foreign_code_and_is_not_a_sandbox(universal_fmus, monkeypatch):
     def called(path, *, scope):
         return check(path, scope=scope, groups=("simulation",))
 
     monkeypatch.setattr("builder.check.check", called)
-    shown = CliRunner().invoke(command, ["--json", str(fmus["lpnl2"])])
+    shown = CliRunner().invoke(command, ["--json", str(universal_fmus["lpnl2"])])
     assert "not a sandbox" in shown.stderr and json.loads(shown.stdout)["acceptable"]
     assert "not a sandbox" in " ".join(CliRunner().invoke(command, ["--help"]).output.split())
 
@@ -106,8 +100,8 @@ def test_a_folder_is_rejected(quickly, tmp_path):
 
 
 @pytest.mark.nightly
-def test_the_printed_report_names_the_groups_that_were_run_in_one_line(fmus, monkeypatch):
-    report = check(fmus["lpnl2"], groups=("static", "footprint", "surroundings"))
+def test_the_printed_report_names_the_groups_that_were_run_in_one_line(universal_fmus, monkeypatch):
+    report = check(universal_fmus["lpnl2"], groups=("static", "footprint", "surroundings"))
     console = Console(file=io.StringIO(), width=80)
     monkeypatch.setattr("eightpost.app.show.is_detailed", lambda: True)
     show_report(console, report)

@@ -1,6 +1,6 @@
 """Seeded defects of FMI 3.0: `check` must find each with the right rule, and name things as FMI 3.0 does.
 
-Defects of XML files and of the C code are in check_defects_version3.toml; defects of the archive are in this file.
+The defects are in check_defects_version3.toml.
 """
 
 from __future__ import annotations
@@ -14,46 +14,10 @@ import builder.check
 from builder.check import check
 
 from . import check_defects as defects
-from .check_defects import Defect, edited, member, moved, without
 
 TABLES = defects.read_tables("check_defects_version3.toml")
 
-BINARY, BUILD = "binaries/x86_64-linux/lpnl2.so", "sources/buildDescription.xml"
-ICON, TERMINALS = "terminalsAndIcons/icon.png", "terminalsAndIcons/terminalsAndIcons.xml"
-
-IN_ARCHIVE = {
-    "no build description": Defect("build-description", without(BUILD), message="missing"),
-    "a platform of FMI 2.0": Defect("platform-name", moved(BINARY, "binaries/linux64/lpnl2.so")),
-    "only a platform of FMI 2.0": Defect(
-        "platforms", moved(BINARY, "binaries/linux64/lpnl2.so"), message="x86_64-linux"
-    ),
-    "a platform of another processor": Defect("binary-machine", moved(BINARY, "binaries/aarch64-linux/lpnl2.so")),
-    "values that cannot be set": Defect(
-        "exports", edited(BINARY, b"fmi3SetFloat64", b"fmi3PutFloat64"), message="lacks fmi3SetFloat64"
-    ),
-    "an adjoint derivative that is not exported": Defect(
-        "exports", edited(BINARY, b"fmi3GetAdjointDerivative", b"fmi3GetAdjointDifference"), message="Adjoint"
-    ),
-    "states that cannot be counted": Defect(
-        "exports", edited(BINARY, b"fmi3GetNumberOfContinuousStates", b"fmi3PutNumberOfContinuousStates")
-    ),
-    "clocks that cannot be read": Defect(
-        "exports-all", edited(BINARY, b"fmi3GetClock", b"fmi3PutClock"), message="lacks fmi3GetClock"
-    ),
-    "an export of no standard": Defect("exports-only", edited(BINARY, b"fmi3GetClock", b"fmi3PutClock")),
-    "a source not in the archive": Defect("source-files", without("sources/shock.c"), message="shock.c"),
-    "no list of sources": Defect("sources", without("sources/"), message="no sources"),
-    "no icon": Defect("icon", without(ICON)),
-    "an icon at the place of FMI 2.0": Defect("icon", moved(ICON, "model.png")),
-    "an icon cut off": Defect("icon-format", member(ICON, defects.cut)),
-    "a terminal of no variable": Defect("terminals-valid", edited(TERMINALS, b'"force"', b'"Force"')),
-    "a force into the shock": Defect("terminals-consistent", edited(TERMINALS, b'"outflow"', b'"inflow"')),
-    "no documentation": Defect("documentation", without("documentation/index.html")),
-    "a library that cannot be loaded": Defect("loads", member(BINARY, lambda _: b"text"), ("simulation",)),
-}
-ON_FILE = {
-    name: defects.tabled(entry, defects.in_description) for name, entry in TABLES["on_file"].items()
-} | IN_ARCHIVE
+ON_FILE = {name: defects.tabled(entry, defects.on_file) for name, entry in TABLES["on_file"].items()}
 IN_CODE = {name: defects.tabled(entry, defects.in_either) for name, entry in TABLES["in_code"].items()}
 
 #: Defects of code by the FMU that has them.

@@ -11,58 +11,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.fuzz.damage import change_xml
-from builder.assembly import assemble
-from builder.build import build
 from builder.check import GROUPS, Level, check
 from builder.check.archive import read_subject
 from builder.check.description import static_findings
 from builder.check.probes.bench import Bench
 from builder.check.probes.version3 import _steps
 from builder.check.rules import finding_in_version_3, text_in_version_3
-from builder.reference import Disclosure
-from cosim.system_file import read_case
 from eightpost.app.exchange import check as command
 from eightpost.archive import read_archive, write_archive
 from eightpost.fmi import read_description
 from eightpost.shock import LAWS
-from eightpost.vehicle import Friction, IdentifiedVehicle, read_vehicle, shipped, write_vehicle
 
 from . import check_defects as defects
 from .check_defects import XML
 
-QUICK = tuple(group for group in GROUPS if group != "rebuild")
-
 
 def rules(report):
     return {finding.rule.identifier for finding in report.findings}
-
-
-# ---- Our own FMUs ---------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def others(fmus, fmus3, model_files, tmp_path_factory):
-    """FMUs of both versions: a car with friction, an assembled corner and a confidential shock, by name and version."""
-    folder = tmp_path_factory.mktemp("others")
-    text = (
-        f'schema = 1\n[components.corner]\nfmu = "{fmus["quarter_car"].as_posix()}"\n[components.damper]\n'
-        f'fmu = "{fmus["lpnl2"].as_posix()}"\n[[bond]]\nbetween = ["corner", "damper"]\n[scenario]\nstop = 1.0\n'
-    )
-    (folder / "corner.toml").write_text(text)
-    model = read_vehicle(shipped("quarter_car")).with_damper()
-    car = IdentifiedVehicle("rubbing", model, {"": 3000.0}, friction={"": Friction(90.0, 0.01)})
-    write_vehicle(folder / "rubbing.json", car)
-    shock = next(path for path in model_files if path.stem == "lpnl2")
-    found = {}
-    for fmi in (2, 3):
-        place = folder / str(fmi)
-        wiring = read_case(folder / "corner.toml").wiring
-        found["corner", fmi] = assemble(wiring, place / "corner.fmu", fmi=fmi).path
-        (closed,) = build([shock], place / "closed", fmi=str(fmi), disclosure=Disclosure.CONFIDENTIAL)
-        found["confidential", fmi] = closed.path
-        (rubbing,) = build([folder / "rubbing.json"], place / "rubbing", fmi=str(fmi))
-        found["friction", fmi] = rubbing.path
-    return found
 
 
 @pytest.mark.nightly
@@ -73,15 +38,6 @@ def test_our_fmus_of_fmi_3_break_no_rule_on_this_platform(name, fmus3):
     assert report.skipped == () and report.groups == tuple(GROUPS)
     assert report.identity["fmiVersion"] == "3.0" and report.identity["instantiationToken"].startswith("{")
     assert "guid" not in report.identity
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ["corner", "confidential", "friction"])
-def test_our_other_fmus_of_fmi_3_are_as_clean_as_those_of_fmi_2(name, others):
-    old, new = (check(others[name, fmi]) for fmi in (2, 3))
-    assert rules(new) == rules(old)
-    assert new.of(Level.ERROR) == ()
-    assert {s.what for s in new.skipped} <= {s.what for s in old.skipped}
 
 
 def test_inputs_with_slopes_change_in_the_updates_of_a_step_and_the_steps_break_no_rule(fmus3, tmp_path):

@@ -1,8 +1,14 @@
 """The archive of open and confidential native FMUs, and the agreement of its sources with its binaries."""
 
+from __future__ import annotations
+
+import re
 import shutil
+import struct
+import sys
 import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +17,25 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
-from builder.build import build
+from builder.build import build, fmu_identifier
+from builder.native_fmu import _c_sources
+from builder.product import shock_product
 from builder.reference import Disclosure
-from builder.toolchain import PLATFORMS, SystemCompiler, Zig, find_toolchain, this_platform
+from builder.toolchain import (
+    BROWSER,
+    PLATFORMS,
+    SystemCompiler,
+    Toolchain,
+    Zig,
+    find_toolchain,
+    this_platform,
+    universal,
+)
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS, Shock, write_shock
+
+from .shock_over_settings import shock_of
 
 ALL = (*LAWS, "seven_dof", "quarter_car")
 
@@ -123,18 +142,6 @@ def test_the_target_all_writes_native_and_python_fmus(shocks, tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"front.fmu", "front_python.fmu"}
 
 
-@pytest.mark.nightly
-def test_without_zig_the_build_is_for_this_platform_and_reports_that(shocks, tmp_path, monkeypatch):
-    system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
-    monkeypatch.setattr("builder.build.find_toolchain", lambda: system)
-    write_shock(shocks["lpf1"], tmp_path / "front.json")
-    (built,) = build([tmp_path / "front.json"], tmp_path)
-    assert f"built for {this_platform().name} only" in built.limits
-    assert [m for m in read_archive(built.path) if m.startswith("binaries/")] == [this_platform().member("front")]
-    result = simulate_fmu(str(built.path), stop_time=0.01, output_interval=1e-3)
-    assert len(result) == 11
-
-
 def test_nothing_is_written_if_one_of_several_fmus_cannot_be_built(shocks, tmp_path):
     write_shock(shocks["lpf1"], tmp_path / "good.json")
     (tmp_path / "bad.json").write_text("{}")
@@ -163,3 +170,76 @@ def test_files_that_cannot_be_built_are_rejected_with_the_remedy(tmp_path, name,
         (tmp_path / name).write_text(content)
     with pytest.raises(FmuError, match=advice):
         build([tmp_path / name], tmp_path)
+
+
+# ---- Descriptions, C data and compilers ------------------------------------------------------------------------------
+
+
+FILES = ["a.c", "b.c"]
+#: What differs with every change of the sources, and the lines of arrays.
+_OWN = r'(guid|instantiationToken|version|generationTool)="[^"]*"|\{[0-9a-f-]{36}\}|0x[0-9a-f]+|\d{15,}'
+
+
+def _lines(content: bytes) -> list[str]:
+    text = re.sub(_OWN, "", content.decode())
+    return [line.strip() for line in text.splitlines() if line.strip() and not re.match(r"\s*(<File name|</)", line)]
+
+
+@pytest.mark.parametrize("version", ["2", "3"])
+def test_the_description_of_a_car_is_the_same(
+    version: str, fmus: Mapping[str, Path], fmus3: Mapping[str, Path], unchanged: Callable[..., None]
+) -> None:
+    unchanged(_lines(read_archive((fmus if version == "2" else fmus3)["quarter_car"])["modelDescription.xml"]))
+
+
+@pytest.mark.parametrize("name", ["interface.c", "interface.h", "vehicle_data.h"])
+def test_the_c_data_of_a_car_are_the_same(name: str, fmus: Mapping[str, Path], unchanged: Callable[..., None]) -> None:
+    unchanged(_lines(read_archive(fmus["quarter_car"])[f"sources/{name}"]))
+
+
+def test_the_c_data_of_a_shock_over_settings_are_the_same(unchanged: Callable[..., None]) -> None:
+    product = shock_product(shock_of("hysteresis_lagged"), "shock", temperature_input=True)
+    sources = _c_sources(product, product.interface, "0")
+    unchanged([line for line in _lines(sources["settings_data.h"]) if not line.startswith("{0.0, 0.0, 0.0, 0.0")])
+
+
+@pytest.mark.parametrize("compiler", [Zig, SystemCompiler])
+def test_a_library_is_compiled_with_the_same_command(compiler: type[Toolchain], unchanged: Callable[..., None]) -> None:
+    toolchain = compiler(sys.executable)
+    platforms = [*PLATFORMS.values(), BROWSER] if compiler is Zig else [PLATFORMS["linux64"]]
+    unchanged({
+        f"{platform.name}, {platform.name_3}, {target}": [
+            platform.member("car"), platform.member("car", 3),
+            " ".join(re.sub(r"^/.*/", "", word) for word in toolchain.command("car", platform, target, FILES)[1:]),
+        ]
+        for platform in platforms for target in platform.targets
+    })  # fmt: skip
+
+
+def test_a_universal_library_has_aligned_slices_and_their_processors() -> None:
+    slices = [struct.pack("<IiI", 0xFEEDFACF, kind, 3) + bytes(size) for kind, size in ((7, 100), (12, 40_000), (7, 1))]
+    made = universal(slices)
+    assert struct.unpack_from(">II", made) == (0xCAFEBABE, 3)
+    entries = [struct.unpack_from(">iIIII", made, 8 + 20 * k) for k in range(3)]
+    assert [entry[:2] for entry in entries] == [(7, 3), (12, 3), (7, 3)]
+    assert [entry[2] for entry in entries] == [1 << 14, 2 << 14, 5 << 14]
+    assert [entry[4] for entry in entries] == [14, 14, 14]
+    assert [made[start : start + size] for _, _, start, size, _ in entries] == slices
+    assert len(made) == (5 << 14) + len(slices[2])
+
+
+@pytest.mark.parametrize(
+    ("name", "identifier"),
+    [
+        ("A b-c", "A_b_c"),
+        ("3 inch", "_3_inch"),
+        ("Ä", "_"),
+        ("", "_"),
+        ("_x_", "_x_"),
+        ("if", "if_"),
+        ("Con", "Con_"),
+        ("LPT1", "LPT1_"),
+    ],
+)
+def test_an_identifier_of_an_fmu_is_one_of_c(name: str, identifier: str) -> None:
+    assert fmu_identifier(name) == identifier

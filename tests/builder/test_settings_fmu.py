@@ -102,26 +102,6 @@ def test_the_verdict_of_a_run_states_where_the_setting_is(built, fmus, parameter
     assert reasons[0].origin == "component shock"
 
 
-@pytest.mark.nightly
-def test_a_restored_state_continues_with_its_own_setting(built):
-    fmu = FmuComponent(built("lpf1"), "shock")
-    fmu.begin(0.0, 1.0, {})
-    fmu.end_initialization()
-    fmu.set(("velocity", "clicks.rebound"), (-0.3, 12.0))
-    fmu.step(0.0, 0.01)
-    state = fmu.save()
-    ends = []
-    for other in (12.0, 0.0, 20.0):
-        fmu.set(("clicks.rebound",), (other,))
-        fmu.step(0.01, 0.01)
-        ends.append(fmu.get(REPORTED))
-        fmu.restore(state)
-        fmu.step(0.01, 0.01)
-        assert fmu.get(REPORTED) == ends[0]
-        fmu.restore(state)
-    assert ends[1] != ends[0]
-
-
 def test_the_interface_and_the_code_without_settings_do_not_mention_them():
     plain = replace(shock_of("lpf1"), settings=None)
     product = shock_product(plain, "plain")

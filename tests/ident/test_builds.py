@@ -114,16 +114,6 @@ def test_a_build_of_a_file_that_is_not_given_is_refused(tmp_path):
     assert "write FILE=NAME with one of the files: missing.csv" in " ".join(shown.output.split())
 
 
-@pytest.mark.nightly
-def test_the_recipe_of_the_dissertation_states_the_spread_between_builds_fitted_with_it(tests):
-    spread = fit_shock(tests[:4], "lpf1", recipe="boggs").between_builds
-    assert spread.builds == ("a", "b")
-    for build, force, own in zip("ab", spread.force, (tests[:2], tests[2:4]), strict=True):
-        curve = fit_shock(own, "lpf1", recipe="boggs").shock.law.curve
-        expected = [curve.force(v) for v in spread.velocity.tolist()]
-        assert force == pytest.approx(expected, abs=1e-3 * np.ptp(expected)), build
-
-
 def peak_velocities(folder, build, speeds=(0.05, 0.1, 0.25, 0.5, 0.8)):
     """Write the table of a build, in which the gas is a point at zero speed in both strokes."""
     curve, rows = law(*SCALES[build]).curve, [(0.0, 150.0, 150.0)]

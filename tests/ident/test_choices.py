@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from eightpost.errors import InputError, ParameterError
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.dynamics import NoLag
-from eightpost.ident.shock.fit import _spikes_of
 from eightpost.ident.shock.force import limits_for
 from eightpost.ident.shock.result import interval_of, parameter_table
 from eightpost.rig.dyno_test import DynoTest
@@ -51,14 +48,6 @@ def test_a_parameter_at_its_bound_is_reported(laggard):
     assert columns[2][columns[0].index("time_constant")] == "-"
 
 
-@pytest.mark.nightly
-def test_lpnl2_on_a_shock_without_fading_is_lpf1(curve, law_record):
-    record = law_record(Lpf1(curve, 1.3e-3), 1)
-    lpf1, lpnl2 = fit_shock(record, "lpf1"), fit_shock(record, "lpnl2")
-    assert lpnl2.rms <= lpf1.rms * (1.0 + 1e-9)
-    assert lpnl2.parameter("time_constant").value == pytest.approx(1.3e-3, rel=0.02)
-
-
 few = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
 
 
@@ -67,35 +56,11 @@ def record(curve, law_record):
     return law_record(Lpf1(curve, 1.3e-3), 1)
 
 
-def with_force(test, force):
-    return replace(test, series=test.series.with_channel("force", "N", force))
-
-
-@pytest.mark.nightly
-@few
-@given(seed=st.integers(0, 10_000), share=st.floats(1.0, 4.0))
-def test_a_noisy_force_is_reported(record, seed, share):
-    noise = np.random.default_rng(seed).standard_normal(len(record.series))
-    force = record.series["force"] + share * 10.0 * record.series["force"].std() * noise
-    fit = fit_shock(with_force(record, force), "lpf1")
-    assert [reason.rule for reason in fit.verdict.decisive] == ["large error"]
-
-
 @few
 @given(start=st.floats(10.6, 50.0), length=st.floats(0.5, 20.0))
 def test_a_segment_outside_the_record_is_refused(record, start, length):
     with pytest.raises(InputError, match="must lie within the record"):
         fit_shock(record, "lpf1", segment=(start, start + length))
-
-
-@pytest.mark.nightly
-@given(st.lists(st.floats(-5.0, 5.0), min_size=30, max_size=60), st.integers(10, 20), st.floats(200.0, 1e4))
-def test_a_lone_spike_is_found_whatever_the_noise(noise, place, size):
-    raw = np.array(noise)
-    raw[place] += size
-    clean, spiked = _spikes_of(raw, np.zeros_like(raw), 100.0)
-    assert spiked[place]
-    assert abs(clean[place]) <= 10.0
 
 
 def slow_test() -> DynoTest:

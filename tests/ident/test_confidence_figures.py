@@ -102,9 +102,6 @@ def test_errors_that_are_independent_over_velocity_cancel_in_the_factor_and_comm
     assert np.isnan(one.factors[1])  # no sample in rebound
 
 
-# ---- Deviation of a car's responses --------------------------------------------------------------
-
-
 def gain(value):
     return StateSpace(
         np.array([[-1.0]]), np.array([[0.0]]), np.array([[0.0]]), np.array([[value]]), (Channel("force", "N"),),
@@ -263,9 +260,6 @@ def test_resampled_noise_has_power_one_and_is_correlated_over_neighbours():
     assert abs(np.mean(noise**2)) < 0.03  # real and imaginary part are independent
     correlations = [np.mean((noise[:, lag:] * noise[:, : 4000 - lag].conj()).real) for lag in (1, 2, 3, 4)]
     assert correlations == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0, 0.0], abs=0.03)
-
-
-# ---- Slow changes of a shock ---------------------------------------------------------------------
 
 
 def test_a_drift_that_short_blocks_do_not_show_widens_the_interval_of_a_mean():

@@ -204,16 +204,6 @@ def test_shocks_with_the_same_test_have_correlated_errors_and_with_another_test_
         np.testing.assert_array_equal(found[2], [0.0, 0.0, 1.0])
 
 
-@pytest.mark.nightly
-def test_the_order_of_the_runs_does_not_matter(fitted):
-    first, second = (left_out_of(fitted(0, *seeds).fit) for seeds in ((1, 2), (2, 1)))
-    np.testing.assert_allclose(first.velocity, second.velocity, rtol=1e-3)
-    half = len(first.velocity) // 2
-    assert min(first.velocity[:half]) > max(first.velocity[half:])  # the blocks of the fastest run come first
-    for name in NAMES:
-        assert np.dot(first.changes[name], second.changes[name]) == pytest.approx(1.0, abs=1e-3)
-
-
 def test_blocks_are_in_the_order_of_the_speed_of_their_runs_and_those_of_a_run_in_the_order_of_time():
     runs = runs_of((300, 300, 300))
     runs.row_velocity = np.repeat([0.1, -0.3, 0.2], 300)

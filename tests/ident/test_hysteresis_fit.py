@@ -129,16 +129,6 @@ def test_a_test_of_one_speed_has_a_stop_of_at_most_a_tenth_of_a_second_if_it_pre
 
 
 @pytest.mark.nightly
-def test_outliers_are_down_weighted(law_record):
-    test = law_record(hysteresis(), 1, rate=RATE)
-    force = test.series["force"].copy()
-    force[2500:2530] += 6000.0
-    fit = fit_shock(replace(test, series=test.series.with_channel("force", "N", force)), "hysteresis")
-    assert 20 <= fit.downweighted <= 200  # the low-pass spreads them
-    assert fit.shock.law.time_constant == pytest.approx(TAUS, rel=0.15)
-
-
-@pytest.mark.nightly
 def test_each_run_has_its_own_offset(law_record):
     one, other = (
         law_record(hysteresis(port=replace(PORT, gas_preload=preload)), 1, rate=RATE) for preload in (100.0, 300.0)
@@ -197,14 +187,6 @@ def test_the_derivatives_of_the_force_are_those_of_differences(has_stop):
         step[number] = 1e-4 * max(abs(parameters[number]), 1.0)
         change = (model.rows(parameters + step) - model.rows(parameters - step)) / (2.0 * step[number])
         assert jacobian[:, number] == pytest.approx(change, abs=2e-3 * np.abs(jacobian[:, number]).max() + 1e-9)
-
-
-@pytest.mark.nightly
-def test_the_search_on_a_thinned_record_has_the_same_rows():
-    problem, point = projection(has_stop=True)
-    here = problem.at(point)
-    error = replace(problem, is_thin=True).rows(here) - problem.rows(here)
-    assert np.std(error) < 2e-3 * problem.model.runs.deviation
 
 
 @pytest.mark.parametrize("end", [0.0, 150.0, 300.0])

@@ -10,7 +10,7 @@ import pytest
 
 from eightpost.drivefile.iteration import _added_damping
 from eightpost.errors import InputError
-from eightpost.ident.vehicle.simulation import open_at_ports, port_by_port, simulate_with_shocks
+from eightpost.ident.vehicle.simulation import open_at_ports, simulate_with_shocks
 from eightpost.shock.file import read_shock
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import (
@@ -66,20 +66,6 @@ def by_the_fmus_kernel(vehicle, series):
 
 def difference(found, expected):
     return np.sqrt(np.mean((found - expected) ** 2, axis=1)) / expected.std(axis=1)
-
-
-@pytest.mark.nightly
-def test_a_port_without_shock_moves_as_in_the_fmu():
-    vehicle, series = car(), drive()
-    model = vehicle.state_space  # the linear damper is a part of it
-    alone = IdentifiedVehicle("car", model, friction=vehicle.friction)
-    exact = by_the_fmus_kernel(vehicle, series)
-    found = port_by_port(alone, series, {}).select(model.output_names).values
-    errors = dict(zip(model.output_names, difference(found, exact), strict=True))
-    assert errors["velocity"] < 4e-5  # up to 1.3e-5 with five roads
-    assert errors["tire_force"] < 1e-5  # up to 2.9e-6
-    smooth = by_the_fmus_kernel(car(Friction(130.0, 0.01)), series)
-    assert difference(smooth, exact)[model.output_names.index("velocity")] > 2e-2  # the law matters
 
 
 @pytest.mark.nightly

@@ -7,16 +7,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eightpost.errors import FmuError, StepError
-from eightpost.vehicle import LinearStepper, read_vehicle, shipped
+from eightpost.vehicle import LinearStepper
 from eightpost.vehicle.friction import PortFriction, advance, equilibrium, named_ports, output
+
+from .cars import close, drive, model_of
 
 OK = 0
 PORTS = {"seven_dof": ("lf.", "rf.", "lr.", "rr."), "quarter_car": ("",)}
 CARS = tuple(PORTS)
-
-
-def model_of(name):
-    return read_vehicle(shipped(name)).coupled()
 
 
 def parameters(name, seed=1):
@@ -51,23 +49,6 @@ def moves_of(name, count, seed):
         yield step, start, end if k % 2 else start
 
 
-def drive(fmu, name, moves, time=0.0):
-    model, rows = model_of(name), []
-    for step, start, end in moves:
-        fmu.set(model.input_names, start)
-        if (end != start).any():
-            fmu.set_derivatives(model.input_names, (end - start) / step)
-        fmu.step(time, step)
-        time += step
-        rows.append(fmu.get(model.output_names))
-    return np.array(rows)
-
-
-def close(found, expected, relative):
-    worst = (np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
-    assert worst < relative, worst
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", CARS)
 def test_the_fmu_equals_the_library_over_random_inputs_and_steps(component, name, seed):
@@ -81,7 +62,7 @@ def test_the_fmu_equals_the_library_over_random_inputs_and_steps(component, name
     for step, start, end in moves:
         x = advance(stepper, friction, x, start, end, step)
         expected.append(output(stepper, friction, x, end))
-    close(drive(fmu, name, moves), np.array(expected), 1e-10)
+    close(drive(fmu, model_of(name), moves), np.array(expected), 1e-10)
 
 
 @pytest.mark.parametrize("name", CARS)
@@ -91,39 +72,13 @@ def test_the_python_fmu_equals_the_native_one_also_when_parameters_change_in_the
     for load in (component, python_component):
         fmu = load(name)
         fmu.end_initialization()
-        rows = [drive(fmu, name, moves[:5])]
+        rows = [drive(fmu, model_of(name), moves[:5])]
         for seed in (1, 2):  # from no friction to one, and to another
             values = parameters(name, seed)
             fmu.set(tuple(values), tuple(values.values()))
-            rows.append(drive(fmu, name, moves[5:], float(sum(m[0] for m in moves[: 5 + 15 * (seed - 1)]))))
+            rows.append(drive(fmu, model_of(name), moves[5:], float(sum(m[0] for m in moves[: 5 + 15 * (seed - 1)]))))
         found.append(np.concatenate(rows))
     close(found[0], found[1], 1e-10)
-
-
-@pytest.mark.nightly
-def test_a_port_under_a_load_below_the_sliding_force_stays_where_it_is(component):
-    """Its displacement is that of the bristle; with friction that creeps it ends where it would without friction."""
-    moved, step, loading = {}, 2e-3, 4000
-    for law, values in {
-        "sticks": {"bristle_force": 200.0, "bristle_reach": 1e-4, "bristle_static_ratio": 1.2},
-        "creeps": {"friction_force": 200.0, "friction_velocity": 0.005},
-    }.items():
-        fmu, places = component("quarter_car", **values), []
-        fmu.end_initialization()
-        for k in range(loading + 2000):
-            # Nothing damps the car on its tire while the port sticks, and vibration lets it creep: three derivatives
-            # of the load are smooth, so that the car does not vibrate.
-            share = min(1.0, k / loading)
-            fmu.set(("force",), (-150.0 * share**4 * (35.0 - 84.0 * share + 70.0 * share**2 - 20.0 * share**3),))
-            fmu.step(step * k, step)
-            places += fmu.get(("displacement",)) if k >= loading else []
-        moved[law] = np.array(places)
-    stuck = moved["sticks"][0]
-    assert 0.5e-4 < stuck < 1.2e-4
-    assert np.abs(moved["sticks"] - stuck).max() < 1e-5 * stuck  # over four seconds
-    static = -150.0 * model_of("quarter_car").select(inputs=["force"], outputs=["displacement"]).dc_gain()[0, 0]
-    assert moved["creeps"][0] == pytest.approx(static, rel=0.01)  # it has crept to the balance of the spring
-    assert stuck < 0.2 * static
 
 
 @pytest.mark.parametrize("name", CARS)
@@ -213,16 +168,6 @@ def test_derivatives_are_those_of_the_equations(exchange, name):
     np.testing.assert_allclose(
         output(stepper, friction, np.concatenate([x, z]), u), y, rtol=1e-8, atol=1e-8 * np.abs(y).max()
     )
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_the_rate_of_a_deflection_depends_on_the_states_alone(exchange, name):
-    fmu = exchanged(exchange(name), name)
-    moved(fmu, 6)
-    rates = [rate for rate in fmu.derivative_names if "bristle" in rate]
-    for known in fmu.inputs():
-        status, found = fmu.tangent(rates, [known], [1.0])
-        assert status == OK and list(found) == [0.0] * len(PORTS[name]), known
 
 
 @pytest.mark.parametrize("name", CARS)

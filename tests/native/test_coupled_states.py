@@ -11,7 +11,6 @@ from cosim import FmuComponent
 from eightpost.archive import extract_archive
 from eightpost.corners import CORNERS
 from eightpost.vehicle import LinearStepper, write_vehicle
-from eightpost.vehicle import friction as port_friction
 from eightpost.vehicle.modal import modal_form
 from eightpost.wiring import Wire
 from tests.double_modes import car_with_seat
@@ -19,7 +18,6 @@ from tests.double_modes import car_with_seat
 MODEL = car_with_seat().coupled()
 STEPPER = LinearStepper(MODEL.A, MODEL.B, MODEL.C, MODEL.D)
 INPUTS, OUTPUTS = MODEL.input_names, MODEL.output_names
-FRICTION = {"friction_force": 90.0, "friction_velocity": 0.004}
 SCALE = np.where([name.endswith("road") for name in INPUTS], 0.01, 300.0)
 
 
@@ -76,21 +74,6 @@ def test_the_states_step_as_the_matrix_exponential_says(car):
     fmu = car(start_at_equilibrium=False)
     fmu.end_initialization()
     agree(*map(np.array, stepped(fmu, exact, np.zeros(len(MODEL.A)), longest=5.0)))
-
-
-@pytest.mark.slow
-def test_friction_at_the_ports_acts_as_in_the_library(car):
-    ports = port_friction.named_ports(STEPPER, (INPUTS, OUTPUTS), [f"{c}." for c in CORNERS], [])
-    rubbing = port_friction.PortFriction(ports, np.full(4, 90.0), np.full(4, 0.004))
-
-    def exact(x, start, end, step):
-        x = port_friction.advance(STEPPER, rubbing, x, start, end, step)
-        return x, port_friction.output(STEPPER, rubbing, x, end)
-
-    named = {f"{c}.{name}": value for c in CORNERS for name, value in FRICTION.items()}
-    fmu = car(start_at_equilibrium=False, **named)
-    fmu.end_initialization()
-    agree(*map(np.array, stepped(fmu, exact, np.zeros(len(MODEL.A)), longest=0.05)))
 
 
 @pytest.mark.slow

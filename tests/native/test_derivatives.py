@@ -8,7 +8,6 @@ import pytest
 
 from eightpost.shock import LAWS
 from eightpost.shock.laws import state_names
-from eightpost.vehicle import read_vehicle, shipped
 
 OK, ERROR = 0, 3
 
@@ -66,20 +65,6 @@ def test_the_end_of_the_fitted_range_belongs_to_it(host, shocks, name):
         assert fmu.step(0.1 * k + 0.05, 0.05) == ERROR  # a step must start where the last one ended
     assert fmu.step(0.2, 0.1) == OK
     assert fmu.get("beyond_fit") == [1.0]
-
-
-@pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
-def test_a_cars_derivatives_along_one_input_and_along_all_are_its_direct_terms(host, name):
-    model = read_vehicle(shipped(name)).coupled()
-    fmu, weights = host(name).start(), np.linspace(-0.5, 2.0, len(model.inputs))
-    assert fmu.step(0.0, 1e-3) == OK
-    for j, known in enumerate(model.input_names):
-        status, found = fmu.tangent(model.output_names, [known], [1.0])
-        assert status == OK
-        assert found == pytest.approx(model.D[:, j].tolist(), rel=1e-12, abs=1e-12)
-    status, found = fmu.tangent(model.output_names, model.input_names, weights)
-    assert status == OK
-    assert found == pytest.approx((model.D @ weights).tolist(), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "quarter_car"])

@@ -203,9 +203,6 @@ def test_a_null_instance_is_an_error_for_every_function(host_3):
     fmu.c = kept
 
 
-# ---- Intermediate update --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", SOME)
 def test_in_an_intermediate_update_inputs_can_be_set_and_every_other_call_is_refused(host_3, c_level_3, name):
     """A refused call has no effect on the step."""
@@ -363,9 +360,6 @@ def test_messages_name_function_variable_and_reason(host_3):
     assert message(fmu.call("EnterEventMode")) == (ERROR, "fmi3EnterEventMode: this instance is for co-simulation")
     assert fmu.call("Terminate") == OK
     assert message(fmu.step(0.0)) == (ERROR, "fmi3DoStep: is not allowed after fmi3Terminate")
-
-
-# ---- Many instances -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["lpnl2", "seven_dof"])

@@ -11,7 +11,6 @@ from eightpost.vehicle import read_vehicle, shipped
 from eightpost.vehicle.modal import modal_form
 
 ALL = (*LAWS, "seven_dof", "quarter_car", "assembly")
-CARS = ("seven_dof", "quarter_car", "assembly")
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 
 
@@ -53,16 +52,6 @@ def test_a_start_at_rest_is_an_equilibrium(exchange, name):
     assert np.all(np.abs(fmu.derivatives()) <= 1e-9 * sizes)
 
 
-@pytest.mark.parametrize("name", ["lpf1", "lpnl2"])
-def test_a_lagged_force_approaches_the_static_force_at_the_rate_of_its_lag(exchange, shocks, name):
-    fmu, law = exchange(name), shocks[name].law
-    for velocity, lagged in ((0.2, -300.0), (-1.3, 500.0), (0.7, 0.0)):
-        assert fmu.set_named({"velocity": velocity, "lagged_force": lagged}) == OK
-        expected = (law.static_force(velocity) - lagged) / law.time_constant
-        assert fmu.derivatives() == pytest.approx([expected], rel=1e-14)
-        assert fmu.get("force") == [law.response(lagged, velocity, 0.0).force]
-
-
 @pytest.mark.parametrize("name", ["seven_dof", "quarter_car"])
 def test_a_cars_states_are_the_modes_of_its_model(exchange, name):
     model = read_vehicle(shipped(name)).coupled()
@@ -78,20 +67,6 @@ def test_a_cars_states_are_the_modes_of_its_model(exchange, name):
     np.testing.assert_allclose(fmu.derivatives(), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
     y = form.C_re @ z.real + form.C_im @ z.imag + form.D @ u
     np.testing.assert_allclose(fmu.get(*model.output_names), y, rtol=1e-12, atol=1e-12 * np.abs(y).max())
-
-
-def test_friction_at_a_port_is_part_of_a_cars_derivatives(exchange):
-    fmu, plain = exchange("quarter_car"), exchange("quarter_car")
-    assert fmu.call("EnterEventMode") == OK
-    assert fmu.set_named({"friction_force": 120.0, "friction_velocity": 0.01}) == OK
-    assert fmu.call("EnterContinuousTimeMode") == OK
-    for seed in range(5):
-        inputs, states = moved(fmu, seed)
-        (velocity,) = fmu.get("velocity")
-        rubbed = inputs | {"force": inputs["force"] + 120.0 * math.tanh(velocity / 0.01)}
-        assert plain.set_named(rubbed) == plain.set_states(list(states)) == OK
-        np.testing.assert_allclose(fmu.derivatives(), plain.derivatives(), rtol=1e-13, atol=1e-12)
-        np.testing.assert_allclose(fmu.get(*fmu.outputs()), plain.get(*fmu.outputs()), rtol=1e-12, atol=1e-9)
 
 
 def test_the_derivatives_of_an_assembly_are_those_of_its_parts_with_the_forces_fed_back(host, exchange, c_level):
@@ -301,21 +276,3 @@ def test_a_state_of_one_kind_of_instance_is_refused_by_the_other(exchange, host,
     assert c_level.unpacked(fmu, content)[0] == ERROR
     assert fmu.call("SetFMUstate", c_level.saved(stepped)) == ERROR
     assert stepped.call("SetFMUstate", c_level.saved(fmu)) == ERROR
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_instances_of_both_kinds_side_by_side_do_not_affect_each_other(exchange, host, name):
-    alone = host(name).start().run(10)
-    stepped, fmu = host(name).start(), exchange(name)
-    rng, rows = np.random.default_rng(1), []
-    for k in range(10):
-        values = dict(zip(stepped.inputs(), rng.uniform(-0.3, 0.3, len(stepped.inputs())), strict=True))
-        assert stepped.set_named(values) == OK
-        moved(fmu, k)
-        fmu.derivatives()
-        assert stepped.step(k * 1e-3) == OK
-        rows.append(stepped.all())
-    assert rows == alone
-    again = exchange(name)
-    moved(again, 9)
-    assert fmu.all() == again.all()

@@ -122,9 +122,6 @@ def test_random_call_sequences_cause_no_sanitizer_finding(model, source_folders_
     assert len(nested) == 8 and all(calls[0] > 20 and calls[1] == 0 for calls in nested.values())
 
 
-# ---- Libraries ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_the_library_exports_the_functions_of_fmi_3_and_nothing_else(name, folders_3):
     library = lief.parse(str(folders_3[name] / this_platform().member(name, 3)))
@@ -160,9 +157,6 @@ def test_the_libraries_of_all_platforms_export_the_functions_of_fmi_3_and_nothin
             found = [{entry.name for entry in entries}]
         for exported in found:
             assert exported == functions(3), name
-
-
-# ---- The folder sources/ --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.repeated

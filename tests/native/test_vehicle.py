@@ -1,4 +1,4 @@
-"""A native vehicle FMU equals its state-space model exactly for held and ramped inputs, with friction at its ports."""
+"""A native vehicle FMU equals its state-space model exactly for held and ramped inputs."""
 
 import numpy as np
 import pytest
@@ -14,11 +14,10 @@ from eightpost.vehicle import (
     IdentifiedVehicle,
     LinearStepper,
     StateSpace,
-    read_vehicle,
-    shipped,
     write_vehicle,
 )
-from eightpost.vehicle import friction as port_friction
+
+from .cars import close, drive, model_of, random_moves, scale_of
 
 CARS = ("seven_dof", "quarter_car")
 
@@ -27,42 +26,6 @@ CARS = ("seven_dof", "quarter_car")
 def either(request):
     """Load native FMUs, then those with a slave in Python."""
     return request.getfixturevalue(request.param)
-
-
-def model_of(name):
-    return read_vehicle(shipped(name)).coupled()
-
-
-def scale_of(model):
-    return np.where([n.endswith("road") for n in model.input_names], 0.01, 300.0)
-
-
-def drive(fmu, model, moves):
-    """Return the outputs after each (step, inputs at its start, inputs at its end)."""
-    time, rows = 0.0, []
-    for step, start, end in moves:
-        fmu.set(model.input_names, start)
-        if (end != start).any():
-            fmu.set_derivatives(model.input_names, (end - start) / step)
-        fmu.step(time, step)
-        time += step
-        rows.append(fmu.get(model.output_names))
-    return np.array(rows)
-
-
-def random_moves(model, count, seed, *, held):
-    rng, scale = np.random.default_rng(seed), scale_of(model)
-    moves = []
-    for step in 10.0 ** rng.uniform(-7, -1.3, count):
-        start, end = scale * rng.standard_normal((2, len(scale)))
-        moves.append((step, start, start if held else end))
-    return moves
-
-
-def close(found, expected, relative):
-    """Compare outputs relative to each output's size over the run."""
-    worst = (np.abs(found - expected).max(axis=0) / np.abs(expected).max(axis=0)).max()
-    assert worst < relative, worst
 
 
 @pytest.mark.parametrize("held", [True, False], ids=["held", "ramped"])
@@ -101,44 +64,6 @@ def test_successive_ramps_equal_the_librarys_exact_steps(component, name):
         found.append(fmu.get(model.output_names))
         time, u = time + step, end
     close(np.array(found), np.array(expected), 1e-10)
-
-
-@pytest.mark.parametrize(
-    "friction", [{}, {"rr.friction_force": 150.0, "lf.friction_force": 40.0, "lf.friction_velocity": 0.002}]
-)
-def test_the_native_car_equals_the_python_one(component, python_component, friction):
-    model = model_of("seven_dof")
-    moves = random_moves(model, 60, 2, held=True)
-    found = []
-    for load in (component, python_component):
-        fmu = load("seven_dof", **friction)
-        fmu.end_initialization()
-        found.append(drive(fmu, model, moves))
-    close(found[0], found[1], 1e-10)
-
-
-@pytest.mark.repeated
-@pytest.mark.parametrize("name", CARS)
-def test_friction_equals_the_librarys_also_for_ramped_inputs(component, name):
-    model = model_of(name)
-    stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    names = ("lf.", "rf.", "lr.", "rr.") if name == "seven_dof" else ("",)
-    forces, widths = np.linspace(50.0, 200.0, len(names)), np.linspace(1e-3, 5e-3, len(names))
-    ports = port_friction.ports_of(
-        stepper,
-        [model.input_names.index(f"{p}force") for p in names],
-        [model.output_names.index(f"{p}velocity") for p in names],
-    )
-    rubbing = port_friction.PortFriction(ports, forces, widths)
-    values = dict(zip((f"{p}friction_force" for p in names), forces, strict=True))
-    values |= dict(zip((f"{p}friction_velocity" for p in names), widths, strict=True))
-    fmu = component(name, start_at_equilibrium=False, **values)
-    fmu.end_initialization()
-    moves, x, expected = random_moves(model, 60, 3, held=False), np.zeros(model.A.shape[0]), []
-    for step, start, end in moves:
-        x = port_friction.advance(stepper, rubbing, x, start, end, step)
-        expected.append(port_friction.output(stepper, rubbing, x, end))
-    close(drive(fmu, model, moves), np.array(expected), 1e-10)
 
 
 def test_a_step_without_friction_equals_the_linear_step_bit_for_bit(component):
@@ -267,15 +192,8 @@ def test_an_identified_model_of_any_order_steps_exactly(tmp_path, states):
 
 @pytest.mark.nightly
 def test_a_model_without_a_steady_state_refuses_an_equilibrium_start_and_starts_without_it(tmp_path):
-    model = StateSpace(
-        np.array([[0.0]]),
-        np.array([[0.1]]),
-        np.array([[1.0]]),
-        np.zeros((1, 1)),
-        (Channel("force", "N"),),
-        (Channel("velocity", "m/s"),),
-        name="drifting",
-    )
+    channels = (Channel("force", "N"),), (Channel("velocity", "m/s"),)
+    model = StateSpace([[0.0]], [[0.1]], [[1.0]], [[0.0]], *channels, name="drifting")
     write_vehicle(tmp_path / "drift.json", IdentifiedVehicle("drifting", model))
     (built,) = build([tmp_path / "drift.json"], tmp_path)
     fmu = FmuComponent(built.path, "drift")

@@ -207,9 +207,6 @@ def test_a_short_record_and_one_at_rest_have_no_lag():
     assert force_lag(series.with_channel("velocity", "m/s", np.zeros(len(series)))) is None
 
 
-# ---- Channels that are proportional ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("motion", "lag"), [(sines([0.2], cycles=8), -6e-3), (random_motion(), 20e-3)], ids=["sine", "random"]
 )

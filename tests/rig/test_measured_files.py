@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eightpost.errors import WrongSignError
-from eightpost.rig import read_dyno_test, read_peak_velocity, split_runs
+from eightpost.rig import read_dyno_test, read_peak_velocity
 
 FOLDER = os.environ.get("EIGHTPOST_DATA")
 pytestmark = pytest.mark.skipif(not FOLDER, reason="EIGHTPOST_DATA does not name the folder of measured records")
@@ -67,12 +67,6 @@ def test_a_gas_force_that_is_negative_after_flipping_the_force_is_reported(name)
     assert [reason.rule for reason in test.reasons][:1] == ["negative force at standstill"]
     other_way = read_dyno_test(measured("ohlins", name), flip=("displacement",))
     assert not any(reason.rule == "negative force at standstill" for reason in other_way.reasons)
-
-
-@pytest.mark.nightly
-def test_a_steady_sine_of_a_hundred_cycles_is_one_run():
-    test = read_dyno_test(measured("ohlins", OHLINS[-1]), flip=("force",))
-    assert split_runs(test) == (test,)
 
 
 def test_the_manufacturers_curves_are_read_as_a_table_per_setting():

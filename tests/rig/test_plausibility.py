@@ -10,13 +10,11 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter, welch
 
 from eightpost.errors import WrongSignError
-from eightpost.ident import fit_shock
 from eightpost.rig import read_dyno_test
 from eightpost.rig.dyno_conditions import reversed_channels
 from eightpost.rig.motion import run_down
 from eightpost.rig.plausibility import _level, _spectrum_faults, rectified_force, rest_force, setting_faults
 from eightpost.signals import TimeSeries
-from eightpost.verdict import Grade
 
 RATE = 500.0
 
@@ -139,23 +137,6 @@ def test_a_shock_that_hardly_damps_in_rebound_is_not_rectified_although_no_mean_
     assert force.min() < -0.1 * force.max()
     assert rectified_force(signed) == ""
     assert rectified_force(rectified)
-
-
-@pytest.mark.nightly
-def test_the_verdict_of_a_fit_has_the_reasons_and_a_segment_leaves_out_a_run_down(tmp_path):
-    rules(tmp_path, stopping(sine()))
-    test = read_dyno_test(tmp_path / "run.csv")
-    assert "run-down of the machine" in [reason.rule for reason in fit_shock(test, "polylinear").verdict.reasons]
-    before = fit_shock(test, "polylinear", segment=(0.5, 6.5)).verdict.reasons
-    assert "run-down of the machine" not in [reason.rule for reason in before]
-    rules(tmp_path, later(sine(), 1.2))
-    changed = fit_shock(read_dyno_test(tmp_path / "run.csv"), "polylinear").verdict
-    assert changed.grade is Grade.NOT_USABLE
-    reason = next(reason for reason in changed.reasons if reason.rule == "the shock changed")
-    assert reason.figure.startswith("compression force +") and "--set segment" in reason.remedy
-
-
-# ---- One setting ----------------------------------------------------------------------------------------------------
 
 
 def test_a_bleed_that_opens_is_found_at_low_speed(tmp_path):

@@ -117,9 +117,6 @@ def test_half_frames_are_read_with_a_note_and_not_if_their_place_is_unknown(tmp_
         assert read_record(path).columns[0].size == COUNT
 
 
-# ---- AiM, read by a library -----------------------------------------------------------------------------------------
-
-
 def aim(monkeypatch, channels):
     """Let the library of AiM's logs, as it is documented, return channels: unit, times [ms] and samples by name."""
     tables = {}
@@ -220,8 +217,6 @@ def test_of_a_large_file_only_the_channels_of_a_map_are_read(tmp_path, monkeypat
     record = read_record(path, only={load})
     assert [bool(np.isnan(column).all()) for column in record.columns] == [False, True, False]
 
-
-# ---- Racelogic ------------------------------------------------------------------------------------------------------
 
 VBO = """File created on 12/11/2026 @ 10:00
 

@@ -18,7 +18,7 @@ from eightpost.ident.validation.shock_tests import (
 )
 from eightpost.rig.dyno_test import DynoTest
 
-from .conftest import INCH, TABLE_3_3, bump_path, dragged, record, shock_of, sine_path, static_path
+from .conftest import INCH, bump_path, dragged, record, shock_of, sine_path, static_path
 
 
 def test_the_true_law_leaves_the_noise(lagged, random_test):
@@ -49,23 +49,6 @@ def test_the_threshold_is_passed_by_one_frequency_in_twenty_of_unrelated_signals
         residual = residual_of(unrelated)
         passed.append(residual.coherence > residual.threshold)
     assert 0.02 < np.mean(passed) < 0.09
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("wrong", [0, 6, 13])
-def test_an_error_put_into_one_sine_shows_at_its_place_in_the_map(truth, lagged, wrong):
-    found = []
-    for k, (amplitude, velocity) in enumerate(TABLE_3_3):
-        path = sine_path(amplitude, velocity)
-        extra = 50.0 * np.sign(np.gradient(path)) if k == wrong else None
-        found.append(validate_sine(lagged, dyno_record(record(truth, path, 2000.0, extra=extra))))
-    errors = np.array([sine.rms for sine in found])
-    assert errors.argmax() == wrong
-    assert errors[wrong] > 30.0
-    assert np.delete(errors, wrong).max() < 1.0
-    amplitude, velocity = TABLE_3_3[wrong]
-    assert found[wrong].amplitude == pytest.approx(amplitude * INCH, rel=0.01)
-    assert found[wrong].speed == pytest.approx(velocity * INCH, rel=0.01)
 
 
 def test_a_loop_of_a_lagging_linear_damper_has_its_known_area_and_width():

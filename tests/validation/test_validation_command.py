@@ -52,13 +52,6 @@ def test_an_error_over_the_limit_exits_1_and_is_named(run):
     assert run("lpf1.json", "data/random.csv", "--limit", "1").exit_code == 0
 
 
-@pytest.mark.nightly
-def test_a_given_kind_is_used(run):
-    done = run("lpf1.json", "data", "--kind", "random", "--kind", "bump.csv=bump")
-    assert "sine: random, given by the user" in done.output
-    assert "bump: bump, given by the user" in done.output
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize(
     ("words", "message"),
@@ -80,13 +73,3 @@ def test_wrong_input_exits_2_with_a_message_and_writes_nothing(run, folder, word
     assert done.exit_code == 2, done.output
     assert message in done.output
     assert sorted(folder.rglob("*")) == before
-
-
-@pytest.mark.nightly
-def test_a_segment_of_a_record_is_judged(run):
-    whole, part = (run("lpf1.json", "data/random.csv", *words) for words in ((), ("--segment", "2 s", "5 s")))
-    assert whole.exit_code == part.exit_code == 0, part.output
-    assert whole.output != part.output
-    late = run("lpf1.json", "data/random.csv", "--segment", "900", "901 s")
-    assert late.exit_code == 2
-    assert "is not within it" in late.output

@@ -32,8 +32,6 @@ from builder.check.probes.library import (
 from builder.check.rules import Fault, listed
 from eightpost.fmi import Description, Variable, read_description
 
-# ==== One instance and the calls of a host; calls return their status, and only `need` and similar methods raise =====
-
 Value = float | int | bool | str
 C_TYPES: dict[str, Any] = {"Real": c_double, "Integer": c_int, "Boolean": c_int, "String": c_char_p}
 

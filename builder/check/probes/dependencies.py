@@ -30,8 +30,6 @@ from builder.check.probes.bench import (
 from builder.check.rules import Fault, Faults, listed, some
 from eightpost.fmi import Description, Variable
 
-# ==== Probes of dependencies at initialization and over a step, compared with the declared ones ======================
-
 # ---- Declared and observed dependencies -----------------------------------------------------------------------------
 
 #: Changes relative to the unknown's size (at least its nominal value): possible by rounding, and never by rounding.

@@ -26,8 +26,6 @@ from builder.check.probes.library import MODEL_EXCHANGE, EventInfo, MissingFunct
 from builder.check.rules import Fault, listed, some
 from eightpost.fmi import Variable, whole_number
 
-# ==== An integrator's side of model exchange: instances, their states and derivatives ================================
-
 _MOST_ITERATIONS = 100
 
 

@@ -36,8 +36,6 @@ from builder.check.probes.library import FmuLibrary, MissingFunctionError
 from builder.check.rules import Fault, listed, some
 from eightpost.workers.process import python_command, run
 
-# ==== Probes of instances: several at once, after a reset, and their effects on the process ==========================
-
 
 def _resident() -> int:
     """Return the resident memory of the process in bytes (Linux)."""

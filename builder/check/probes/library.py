@@ -21,8 +21,6 @@ from urllib.parse import urlparse
 
 from eightpost.fmi import FUNCTIONS, OLD_TYPES, Description, function_name
 
-# ==== The C functions of an FMU, with argument types and a record of the last call ===================================
-
 WARNING: Final = 1
 DISCARD: Final = 2
 ERROR: Final = 3

@@ -38,8 +38,6 @@ from builder.check.probes.library import DISCARD, ERROR, MissingFunctionError
 from builder.check.rules import Fault, listed, some
 from eightpost.fmi import Variable
 
-# ==== Probes of valid runs: constant and varying inputs, irregular steps, the first outputs, model exchange ==========
-
 # ---- Runs with constant and with varying inputs ---------------------------------------------------------------------
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")

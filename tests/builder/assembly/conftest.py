@@ -1,12 +1,8 @@
 """A car with four dampers and a quarter car with one, assembled for this platform."""
 
-import shutil
-
 import pytest
 
 from builder.assembly import assemble
-from builder.build import build
-from builder.toolchain import SystemCompiler, find_toolchain
 from cosim.system_file import read_case
 
 from .hosts import CORNERS, corner_file, host
@@ -61,20 +57,6 @@ stop = 1.0
 
 
 @pytest.fixture(scope="session")
-def toolchain():
-    """Return a compiler for this platform only, because a build for all platforms takes a minute."""
-    found = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
-    return SystemCompiler(found) if found else find_toolchain()
-
-
-@pytest.fixture
-def build_here(toolchain, monkeypatch):
-    """Build FMUs with the compiler for this platform."""
-    monkeypatch.setattr("builder.build.find_toolchain", lambda: toolchain)
-    return build
-
-
-@pytest.fixture(scope="session")
 def system_file(fmus, tmp_path_factory):
     path = tmp_path_factory.mktemp("system") / "system.toml"
     path.write_text(SYSTEM.format(folder=fmus["lpnl2"].parent.as_posix()))
@@ -82,12 +64,12 @@ def system_file(fmus, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def made(toolchain, tmp_path_factory):
+def made(tmp_path_factory):
     """Assemble a case: made(case, name) -> path."""
     folder = tmp_path_factory.mktemp("assembled")
 
     def make(case, name):
-        return assemble(case.wiring, folder / f"{name}.fmu", toolchain=toolchain).path
+        return assemble(case.wiring, folder / f"{name}.fmu").path
 
     return make
 

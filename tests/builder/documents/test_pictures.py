@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 
 import matplotlib
@@ -11,7 +10,7 @@ import pytest
 from PIL import Image
 
 from builder import documents, page
-from builder.product import shock_product, vehicle_product
+from builder.product import vehicle_product
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .members import ALL, PICTURE, members_of
@@ -36,16 +35,6 @@ def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metad
         assert set(image.info) <= {"dpi"}
         colours = np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)
         assert len(colours) > 20
-
-
-@pytest.mark.nightly
-def test_the_picture_shows_the_shocks_own_curve(shocks):
-    shock = shocks["polylinear"]
-    stiffer = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, compression_scale=2.0)))  # fmt: skip # noqa: E501
-    gassed = dataclasses.replace(shock, law=dataclasses.replace(shock.law, port=dataclasses.replace(shock.law.port, gas_preload=400.0)))  # fmt: skip # noqa: E501
-    first, second, third = (members_of(shock_product(s, "x"))[PICTURE] for s in (shock, stiffer, gassed))
-    assert first != second
-    assert first == third  # the gas force is not drawn
 
 
 def test_a_model_without_roads_and_tires_has_a_picture():

@@ -37,17 +37,6 @@ def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(name, stat
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
 
 
-@pytest.mark.nightly
-def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof):
-    """A car with a lag of 200 Hz in its accelerometers: in the band of 20 Hz, a fast pole would explain it."""
-    response = noisy(seven_dof, 2e-3, 5)
-    lag = 1.0 / (1.0 + 1j * FREQUENCY / 200.0)
-    late = np.array([name.endswith("acceleration") for name in response.output_names])
-    delayed = replace(response, H=np.where(late[:, None, None], response.H * lag, response.H))
-    found = CommonPoleFit(high=HIGH, max_states=20, order=20, lags=False).fit(delayed)
-    assert np.abs(found.model.poles()).max() <= 1.001 * FASTEST * 2.0 * np.pi * HIGH
-
-
 @given(w=st.floats(1.0, 1e4), zeta=st.floats(1e-5, 1e4))
 def test_the_faster_pole_of_a_block_is_limited_too(w, zeta):
     fastest = 100.0
@@ -136,9 +125,6 @@ def test_the_stabilisation_diagram_keeps_the_modes_from_the_order_of_the_car_on(
         }  # fmt: skip
         assert {6, 8, 10} <= near
     assert (orders.chosen, orders.is_clear) == (4, True)
-
-
-# ---- Velocities come to rest under constant inputs, also if the system for that is singular --------------------------
 
 
 def two_modes(C, names):

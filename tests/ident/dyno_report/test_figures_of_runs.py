@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from eightpost.ident.dyno_report.builds import CarCorner
-from eightpost.ident.dyno_report.cycles import STROKES, Unknown, crossings_of, cycles_of, force_at_rest, slow_figures
+from eightpost.ident.dyno_report.cycles import STROKES, Unknown, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
 from eightpost.ident.dyno_report.loop import BEND, forces_at, ratio_at
 from eightpost.signals import TimeSeries
@@ -30,17 +30,6 @@ def entry(series, **conditions):
 
 
 # ---- Energy, hysteresis, lag ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.nightly
-@settings(QUICK, max_examples=40)
-@given(RATES, st.floats(0.005, 0.05), st.floats(0.5, 5.0), st.floats(0.0, 200.0), st.floats(0.0, 5000.0))
-def test_energy_per_cycle_is_that_of_viscous_and_dry_friction(rate, amplitude, frequency, friction, stiffness):
-    force = valve(viscous(rate), viscous(rate), friction=friction, stiffness=stiffness, gas=150.0)
-    cycles = cycles_of(sine(force, amplitude=amplitude, frequency=frequency, duration=5.0 / frequency + 0.1))
-    w = 2.0 * np.pi * frequency
-    assert cycles.energy == pytest.approx(np.pi * rate * w * amplitude**2 + 4.0 * friction * amplitude, rel=2e-3)
-    assert cycles.frequency == pytest.approx(frequency, rel=1e-3)
 
 
 @settings(QUICK, max_examples=20)
@@ -97,19 +86,6 @@ def motion_of(drive, force=None, lag=0.0):
     })  # fmt: skip
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize(("compression", "rebound"), [(1500.0, 6000.0), (6000.0, 1500.0)])
-def test_the_force_at_rest_of_a_random_motion_has_little_of_the_bias_of_the_lag(compression, rebound):
-    force = valve(viscous(compression), viscous(rebound), gas=200.0, stiffness=700.0)
-    series = motion_of(random_multisine(1, duration=20.0), force, lag=0.0015)
-    middle = 0.5 * (series["displacement"].max() + series["displacement"].min())
-    exact = 200.0 + 700.0 * middle
-    found, biased = force_at_rest(series), np.mean([crossing.force for crossing in crossings_of(series)])
-    assert abs(biased - exact) > 30.0
-    assert abs(found - exact) < 0.15 * abs(biased - exact)
-    assert entry(series).offset == pytest.approx(exact, abs=3.0)
-
-
 def test_the_force_at_rest_is_exact_without_a_lag():
     force = valve(viscous(1500.0), viscous(6000.0), gas=200.0, stiffness=700.0)
     series = motion_of(random_multisine(1, duration=20.0), force)
@@ -124,28 +100,6 @@ def test_the_force_at_rest_of_a_sine_is_the_mean_of_both_ends():
 
 
 # ---- Curves, knees, ratios ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.nightly
-@settings(QUICK, max_examples=40)
-@given(
-    st.floats(2000.0, 12_000.0), st.floats(0.1, 0.6), st.floats(2000.0, 12_000.0), st.floats(0.1, 0.6),
-    st.floats(0.06, 0.2), st.floats(0.06, 0.2), st.floats(0.0, 300.0), st.floats(0.0, 1500.0), st.floats(0.0, 0.004),
-)  # fmt: skip
-def test_knees_slopes_and_forces_are_those_of_two_lines(low_c, part_c, low_r, part_r, knee_c, knee_r, gas, k, lag):
-    force = valve(two_lines(low_c, part_c * low_c, knee_c), two_lines(low_r, part_r * low_r, knee_r), gas=gas,
-                  stiffness=k)  # fmt: skip
-    found = entry(sine(force, amplitude=0.025, frequency=2.0, lag=lag))
-    for stroke, low, part, knee in (("compression", low_c, part_c, knee_c), ("rebound", low_r, part_r, knee_r)):
-        one = found.strokes[stroke]
-        assert one.knee == pytest.approx(knee, rel=0.06)
-        assert one.low == pytest.approx(low, rel=0.04)
-        assert one.high == pytest.approx(part * low, rel=0.06, abs=0.01 * low)
-        for speed in (0.05, 0.1, 0.25):
-            exact = float(two_lines(low, part * low, knee)(speed))
-            assert found.curve.force_at(speed, stroke) == pytest.approx(exact, rel=0.04)
-    expected = float(two_lines(low_r, part_r * low_r, knee_r)(0.25) / two_lines(low_c, part_c * low_c, knee_c)(0.25))
-    assert ratio_at(found.curve, 0.25) == pytest.approx(expected, rel=0.05)
 
 
 def test_a_straight_stroke_has_no_knee_and_one_slope():
@@ -253,9 +207,6 @@ def test_a_slow_motion_in_one_direction_does_not_show_friction():
     assert isinstance(found.friction, Unknown) and "one direction" in found.friction.reason
 
 
-# ---- Temperature ----------------------------------------------------------------------------------------------------
-
-
 def test_warming_energy_and_power_are_those_of_the_record():
     series = sine(valve(viscous(2e3), viscous(2e3)), duration=6.0, heat=lambda t: 300.0 + 0.5 * t)
     warming = entry(series).warming
@@ -268,9 +219,6 @@ def test_warming_energy_and_power_are_those_of_the_record():
     assert isinstance(cold.drift, Unknown) and "no temperature" in cold.drift.reason
 
 
-# ---- Damping ratio --------------------------------------------------------------------------------------------------
-
-
 @given(st.floats(50.0, 800.0), st.floats(5e3, 3e5), st.floats(0.3, 1.5), st.floats(0.01, 0.95))
 def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, share):
     c = share * 2.0 * np.sqrt(rate * mass) / motion_ratio**2
@@ -278,9 +226,6 @@ def test_the_damping_ratio_is_that_of_the_eigenvalues(mass, rate, motion_ratio, 
     poles = np.linalg.eigvals(matrix)
     expected = -poles[0].real / abs(poles[0])
     assert CarCorner("lf", mass, rate, motion_ratio).damping_ratio(c) == pytest.approx(expected, rel=1e-6)
-
-
-# ---- Gas force of a slow run ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.nightly

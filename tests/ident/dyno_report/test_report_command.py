@@ -11,16 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries
+from eightpost.ident.dyno_report.builds import Reading, read_entries
 from eightpost.ident.dyno_report.cycles import crossings_of
-from eightpost.ident.dyno_report.entry import entry_of_test
-from eightpost.ident.dyno_report.page import explained, sections_of
-from eightpost.rig import DynoTest
-from eightpost.signals import TimeSeries
+from eightpost.ident.dyno_report.page import explained
 
 ROOT = Path(__file__).parents[3]
 DATA, BANK = ROOT / "examples" / "data", sorted((ROOT / "examples" / "bank").glob("*.json"))
@@ -41,12 +36,6 @@ def examples(tmp_path_factory):
     return page
 
 
-@pytest.fixture(scope="module")
-def entries():
-    """The entries of the same files, records first."""
-    return read_entries([*RECORDS, *BANK], Reading())
-
-
 def test_the_report_of_the_examples_has_every_section(examples):
     html = examples.read_text(encoding="utf-8")
     found = re.findall(r'<section id="([\w-]+)">', html)
@@ -54,14 +43,6 @@ def test_the_report_of_the_examples_has_every_section(examples):
     for name in ("dyno_A", "AA_AA", "C_C"):
         assert f">{name}</td>" in html
     assert not re.search("https?://", re.sub(r"<script.*?</script>", "", html, flags=re.DOTALL))
-
-
-@pytest.mark.nightly
-def test_the_gas_force_of_the_examples_is_that_of_their_damper(entries):
-    """The demo damper has 46 lbf of gas; no curve of force over velocity shows it without the bias of its lag."""
-    assert [entry.test is not None for entry in entries[: len(RECORDS)]] == [True] * len(RECORDS)
-    for entry in entries[: len(RECORDS)]:
-        assert entry.offset == pytest.approx(204.6, abs=12.0)
 
 
 def test_columns_without_values_are_left_out_and_tables_without_rows_too():
@@ -136,32 +117,6 @@ def test_names_are_escaped(tmp_path):
     assert "<b>x" not in html and "a &lt; b" in html
 
 
-MOTIONS = {
-    "noise": lambda random, time: 0.01 * random.normal(size=time.size),
-    "walk": lambda random, time: 0.001 * np.cumsum(random.normal(size=time.size)),
-    "one way": lambda random, time: 0.01 * time + 1e-5 * time**2,
-    "steps": lambda random, time: np.repeat(0.01 * random.normal(size=time.size // 100 + 1), 100)[: time.size],
-    "triangle": lambda random, time: 0.02 * np.arcsin(np.sin(2.0 * np.pi * time)),
-}
-
-
-@pytest.mark.nightly
-@settings(deadline=None, max_examples=40)
-@given(st.integers(0, 10**6), st.sampled_from(sorted(MOTIONS)), st.booleans(), st.integers(200, 2000))
-def test_every_motion_has_a_page_whose_figures_are_finite_or_unknown(seed, motion, has_displacement, count):
-    random, time = np.random.default_rng(seed), np.arange(count) / 500.0
-    path = MOTIONS[motion](random, time)
-    velocity = np.gradient(path, time)
-    channels = {"velocity": ("m/s", velocity), "force": ("N", 2e3 * velocity + random.normal(size=count))}
-    channels |= {"displacement": ("m", path)} if has_displacement else {}
-    entry = entry_of_test(DynoTest(TimeSeries.from_channels(time, channels)), "run", "A")
-    html = "".join(map(str, sections_of(dyno_report([entry]))))
-    assert not re.search(r"\b(nan|inf)\b", html)
-
-
-# ---- Measured records -----------------------------------------------------------------------------------------------
-
-
 def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
     """The polygon of force over measured displacement is independent of the derived velocity."""
     folder = os.environ.get("EIGHTPOST_DATA")
@@ -177,9 +132,6 @@ def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
         x, f = loop["displacement"], loop["force"]
         areas.append(0.5 * float(np.sum(f * (np.roll(x, -1) - np.roll(x, 1)))))
     assert entry.cycles.energy == pytest.approx(np.mean(areas), rel=0.01)
-
-
-# ---- In a browser ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

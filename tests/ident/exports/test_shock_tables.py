@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from eightpost.__main__ import main
@@ -81,33 +79,6 @@ def numbers(lines: list[str]) -> np.ndarray:
 
 
 # ---- Choice of points -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.nightly
-@settings(max_examples=8, deadline=None)
-@given(
-    st.lists(st.floats(0.05, 1.0), min_size=3, max_size=6),
-    st.floats(0.02, 0.6),
-    st.floats(0.1, 1.5),
-    st.floats(0.1, 1.5),
-    st.sampled_from([1e-4, 1e-3, 1e-2]),
-)
-def test_a_table_of_a_rising_curve_rises_and_is_within_the_permitted_error(
-    terms: list[float], transition: float, compression: float, rebound: float, error: float
-) -> None:
-    inner = np.zeros(15)
-    inner[: 2 * len(terms) : 2] = 800.0 * np.array(terms)  # odd powers with positive factors rise
-    level, slope = float(inner.sum()), float(np.arange(1, 16) @ inner)  # the cubics join in both
-    shape = curve(
-        inner=tuple(inner),
-        compression=(level, slope, 40.0, 5.0),
-        rebound=(-level, -slope, -20.0, -3.0),
-        transition_speed=transition,
-        transition_width=0.03 * transition,
-        compression_speed=compression,
-        rebound_speed=rebound,
-    )
-    check_table(Polylinear(shape), error)
 
 
 @pytest.mark.parametrize("error", [1e-4, 1e-2])

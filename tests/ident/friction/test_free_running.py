@@ -18,7 +18,7 @@ from eightpost.signals import TimeSeries
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
-from .conftest import BASELINE, COULOMB, rig_tests, rubbing_car
+from .conftest import BASELINE, COULOMB, rubbing_car
 
 BAND = (0.5, 15.0)
 
@@ -98,18 +98,6 @@ def test_the_recipe_falls_back_to_simpler_laws_if_a_car_cannot_be_simulated(rubb
     assert not found.vehicle.friction[""].bristle.force
     assert any("friction that sticks up to" in note and "rejected: it failed" in note for note in found.notes)
 
-
-@pytest.mark.nightly
-def test_springs_of_the_tests_are_springs_of_the_car(experiment):
-    tests = rig_tests(0.0, 40, progression=2.0)
-    found = CommonPoles(samples=0).identify(tests, experiment)
-    rate = 1280.0 * 4.4482216152605 / 0.0254
-    assert found.vehicle.friction[""].spring == pytest.approx(2.0 * rate, rel=0.1)
-    assert found.trust is not None
-    assert "port springs" in found.trust.flags
-
-
-# ---- Shock laws at the ports, compared with the rig on another drive with other shocks -------------------------------
 
 #: A damper that no test of the identification had.
 FIRM = 1.5 * BASELINE

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
-from eightpost.ident.vehicle.common_poles import CommonPoles
-from eightpost.ident.vehicle.plan import recipe
 from eightpost.ident.vehicle.port_search import Band, ForceSolution, FrictionSearch, _BandFit, _estimate
 from eightpost.ident.vehicle.simulation import direction, simulate_with_shocks, with_port_laws
 from eightpost.signals import TimeSeries
@@ -90,23 +88,6 @@ def test_friction_that_follows_the_law_is_found_within_its_deviation(smooth, exp
     )
     assert found.forces[""].value == pytest.approx(50.0, abs=4.0 * found.forces[""].deviation + 0.05)
     assert found.friction[""].velocity == pytest.approx(0.006)
-
-
-@pytest.mark.nightly
-def test_the_car_behind_the_friction_is_found(rubbing, smooth, experiment):
-    truth = recipe("common-poles").identify(smooth, experiment).vehicle.state_space
-    errors = []
-    for search in (FrictionSearch(velocities=(0.01,), reaches=(1e-4,)), None):
-        model = CommonPoles(friction=search).identify(rubbing, experiment).vehicle.state_space
-        errors.append(_apart(model, truth))
-    assert errors[0] < 0.5 * errors[1]
-
-
-def _apart(model, truth):
-    frequency = np.arange(0.5, 15.0, 0.1)
-    H, exact = (m.select(inputs=["road"]).frequency_response(frequency) for m in (model, truth))
-    size = np.linalg.norm(exact, axis=2)
-    return float(np.max(np.linalg.norm(H - exact, axis=2)[size > 0.0] / size[size > 0.0]))
 
 
 def test_the_simulated_friction_is_that_of_the_vehicle_fmu():

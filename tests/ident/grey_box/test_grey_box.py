@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, astuple, replace
+from dataclasses import astuple, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.signal import resample
 
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError, ParameterError, TooShortError
-from eightpost.ident.grey_box.family import GreyBoxCar, bristle_of, declared, linear_model, port_laws, start_values
+from eightpost.ident.grey_box.family import GreyBoxCar, declared, linear_model, port_laws, start_values
 from eightpost.ident.grey_box.recipe import GreyBox, _misfit, _notes, _record, _springs, _unused, sampled_cars
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.frequency_response import response_of
 from eightpost.ident.vehicle.vehicle_fit import read_fit, write_fit
 from eightpost.signals import TimeSeries
 from eightpost.uncertainty import TOTAL
-from eightpost.vehicle import LinearStepper, SevenDof, add_port_damping, read_vehicle, shipped
-from eightpost.vehicle.friction import PortFriction, advance, named_ports, output
+from eightpost.vehicle import SevenDof, add_port_damping, read_vehicle, shipped
 
 RATE = 125.0
 QUANTITIES = ("velocity", "displacement", "tire_force", "hub_acceleration")
@@ -121,61 +119,6 @@ def test_the_start_values_are_the_kept_ones(experiment, kind, unchanged):
     unchanged(start_values([test], replace(experiment, rig=rig)), relative=1e-4)
 
 
-@pytest.mark.nightly
-def test_the_linear_model_has_the_outputs_of_the_steps_without_friction(experiment):
-    car, table = _car(experiment, **{f"{c}.friction": 0.01 for c in CORNERS})
-    values = {p.name: p.start for p in table}
-    model = linear_model(values, experiment)
-    time = np.arange(0.0, 12.0, 1.0 / RATE)
-    for frequency in (1.5, 6.0):
-        for column in (0, 4, 8):
-            inputs = np.zeros((time.size, 12))
-            inputs[:, column] = np.array([1e-3, 100.0, 100.0])[column // 4] * np.sin(2.0 * np.pi * frequency * time)
-            y = simulate(car, values, table, inputs)
-            late = time >= 8.0
-            wave = np.exp(-2j * np.pi * frequency * time[late])
-            found = (y[late].T @ wave) / (inputs[late, column] @ wave)
-            expected = model.frequency_response([frequency])[:, column, 0]
-            assert np.abs(found - expected).max() < 0.02 * np.abs(expected).max()
-            assert found == pytest.approx(expected, rel=0.05, abs=0.01 * np.abs(expected).max())
-
-
-@pytest.mark.nightly
-def test_a_free_run_of_the_car_is_that_of_its_file_with_the_same_bristle(experiment):
-    """The grey-box steps and those of the FMU differ by 0.6 % without friction, and friction adds nothing to that."""
-    without, rubbing = (_difference_from_the_file(experiment, force) for force in (0.01, 90.0))
-    for name, error in rubbing.items():
-        assert error < without[name] + 0.001, name
-    assert max(e for name, e in without.items() if not name.endswith("acceleration")) < 0.01
-
-
-def _difference_from_the_file(experiment, force):
-    """Return the RMS difference of each output over its size, with friction of a force in both [1]."""
-    car, table = _car(experiment, friction_reach=1.5e-4, **{f"{c}.friction": force for c in CORNERS})
-    values = {p.name: p.start for p in table}
-    inputs = _drive(8, 8.0)
-    found = simulate(car, values, table, inputs)
-    model = linear_model(values, experiment)
-    stepper = LinearStepper(model.A, model.B, model.C, model.D)
-    prefixes = tuple(f"{c}." for c in CORNERS)
-    ports = named_ports(stepper, (model.input_names, model.output_names), prefixes, prefixes)
-    law = {f"{c}.bristle_{name}": value for c in CORNERS for name, value in asdict(bristle_of(values, c)).items()}
-    friction = PortFriction.of_values(ports, prefixes, law | {f"{c}.friction_velocity": 1.0 for c in CORNERS})
-    every = 8
-    fine = resample(inputs, len(inputs) * every)
-    x, rows = np.zeros(len(model.A) + friction.states), []
-    for k in range(len(inputs) * every - every):
-        if k % every == 0:
-            rows.append(output(stepper, friction, x, fine[k]))
-        x = advance(stepper, friction, x, fine[k], fine[k + 1], 1.0 / (RATE * every))
-    late = slice(round(2.0 * RATE), len(found) - round(RATE))
-    expected = np.array(rows)
-    return {
-        name: float(np.std(found[late, k] - expected[late, k]) / np.std(expected[late, k]))
-        for k, name in enumerate(OUTPUTS)
-    }
-
-
 def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(experiment):
     vehicle = read_vehicle(shipped("seven_dof"))
     p = vehicle.parameters
@@ -205,14 +148,6 @@ def test_the_family_contains_the_seven_degrees_of_freedom_of_the_dissertation(ex
     for part in (slice(0, 4), slice(4, 7), slice(7, 11)):  # roads, loads, shock forces: each has its own scale
         largest = np.abs(expected[:, part]).max(axis=(1, 2), keepdims=True)
         assert (np.abs(found - expected)[:, part] < 0.01 * largest).all()
-
-
-@pytest.mark.nightly
-def test_balances_of_forces_start_the_fit_close_to_the_car(experiment):
-    tests = [_test(experiment, seed, friction_reach=1e-4) for seed in (3, 13)]
-    found = start_values(tests, experiment)
-    for name in ("lf.hub_mass", "rr.spring_rate", "lr.tire_stiffness", "rf.motion_ratio", "rear.mass heave"):
-        assert found[name] == pytest.approx(TRUE[name], rel=0.2)
 
 
 AERO = {"front.aero_place": 1.1, "front.aero_spread": 0.6, "rear.aero_place": -0.1, "rear.aero_spread": 0.8}

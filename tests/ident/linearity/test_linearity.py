@@ -27,7 +27,7 @@ from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from tests.drawn import drawn
 
-from ..linear_rig import DAMPING, car, record
+from ..linear_rig import record
 
 NEAR, FAR = ("lf.velocity", "lf.road"), ("lf.velocity", "rr.road")
 #: In this car even the response at the far corner has -15 dB.
@@ -57,27 +57,6 @@ def test_a_response_far_from_its_input_is_low(singles: tuple[RigTest, ...]) -> N
     assert verdict.condition is Condition.II
     assert verdict.coherence > 0.99
     assert verdict.level < -12.0
-
-
-@pytest.mark.nightly
-def test_energy_is_the_variance_of_the_output(singles: tuple[RigTest, ...]) -> None:
-    found = judged(*singles)
-    (path,) = [p for p in found.paths if (p.output.name, p.input.name) == NEAR]
-    inside = prepare(singles[:1]).records[0]["lf.velocity"]
-    spectrum = np.abs(np.fft.rfft(inside)) ** 2
-    lines = np.fft.rfftfreq(inside.size, 1.0 / 125.0)
-    below = 2.0 * spectrum[(lines > 0.05) & (lines < 25.05)].sum() / inside.size**2
-    assert path.energy == pytest.approx(below, rel=0.01)
-
-
-@pytest.mark.nightly
-def test_a_response_that_no_input_explains_is_under_condition_iii(singles: tuple[RigTest, ...]) -> None:
-    force = singles[0].series["lf.tire_force"]
-    squared = force**2 / force.std()
-    found = judged(with_channel(singles[0], "lf.tire_force", squared), singles[1])
-    verdict = found.verdict("lf.tire_force", "lf.road")
-    assert verdict.condition is Condition.III
-    assert verdict.shares[Condition.III] > 0.5
 
 
 @pytest.mark.nightly
@@ -138,20 +117,6 @@ def test_an_actuator_with_only_noise_is_at_rest() -> None:
     assert judged(test, outputs=["lf.velocity"]).inputs == ("lf.road",)
 
 
-@pytest.mark.nightly
-def test_changing_one_shock_gives_the_response_to_its_force() -> None:
-    first = record("seven_dof", seconds=40.0, noise=1e-5)
-    other = record("seven_dof", seconds=40.0, noise=1e-5, damping={"rf": 0.45 * DAMPING})
-    found = judged(first, other, outputs=["rf.velocity", "rf.tire_force"])
-    assert found.inputs == ("rf.force",)
-    path = found.paths[0]
-    truth = car("seven_dof").select(inputs=["rf.force"], outputs=["rf.velocity"]).frequency_response(path.frequency)
-    weight = np.sqrt(path.input_density)
-    wrong = np.linalg.norm((path.H - truth[0, 0]) * weight) / np.linalg.norm(truth[0, 0] * weight)
-    assert wrong < 0.02
-    assert found.verdict("rf.velocity", "rf.force").condition is Condition.I
-
-
 def forces(**sizes: float) -> TimeSeries:
     """Return a test of two shocks of 2000 N.s/m with further forces of given sizes [N], each of its own shape."""
     time = np.arange(2000) / 200.0
@@ -186,26 +151,6 @@ def test_the_change_of_a_shock_is_that_of_its_force_beside_the_baseline_damping(
     assert excitation.y[0] == pytest.approx(other["lf.force"] - first["lf.force"])
     assert not excitation.y[1].any()
     assert [channel.name for channel in excitation.outputs] == ["lf.force", "rf.velocity"]
-
-
-@pytest.mark.nightly
-def test_unusable_tests_are_omitted_and_reported() -> None:
-    first, other = record("seven_dof"), record("seven_dof", seed=5)
-    both = record("seven_dof", damping={"lf": 0.4 * DAMPING, "rr": 0.4 * DAMPING})
-    notes = judged(single("lf.road"), first, other, both).notes
-    assert any("record 3: its drive differs from that of record 2" in note for note in notes)
-    assert any("differ from record 2; change one shock at a time" in note for note in notes)
-
-
-@pytest.mark.nightly
-def test_other_shocks_on_a_quarter_car_do_not_count_as_another_amplitude() -> None:
-    road = {"seconds": 30.0, "active": ("road",)}
-    first = record("quarter_car", **road)
-    softer, again = record("quarter_car", **road, damping={"": 0.5 * DAMPING}), record("quarter_car", **road)
-    found = judged(first, softer, again, outputs=["tire_force"])
-    assert found.inputs == ("road", "force")
-    assert found.effects == ()
-    assert found.notes == ("record 3: repeats record 1 with the same shocks; omitted",)
 
 
 def test_tests_without_an_input_that_moves_alone_are_rejected_with_a_remedy() -> None:

@@ -6,16 +6,13 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import norm, t
 
 from eightpost.corners import CORNERS
-from eightpost.ident.preparation import advance_channels, prepare
+from eightpost.ident.preparation import advance_channels
 from eightpost.ident.preparation.channel_faults import RULES, clipped, spikes
 from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, Spectra, few_blocks_factor
 from eightpost.ident.preparation.plausibility import findings_of, is_broadband, record_findings
-from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
 from eightpost.verdict import Grade
@@ -121,16 +118,6 @@ def test_a_value_that_is_repeated_for_60_ms_is_a_dropout(sound):
     assert "repeats one value from 10 s to 10.06 s" in found.figure
 
 
-@pytest.mark.nightly
-@settings(max_examples=6, deadline=None)
-@given(name=st.sampled_from(CHANNELS), size=st.floats(0.26, 1.6), up=st.booleans())
-def test_a_wrong_scale_of_any_channel_is_named_with_its_factor(sound, name, size, up):
-    factor = float(np.exp(size if up else -size))
-    found = only(record_findings(with_row(sound, name, factor * sound[name]), CORNERS))
-    assert (found.rule, found.channels) == (WRONG_SCALE, (name,))
-    assert float(found.figure.split(" is ")[1].split(" times")[0]) == pytest.approx(factor, rel=0.05)
-
-
 def at_all_corners(*quantities):
     return tuple(f"{corner}.{quantity}" for corner in CORNERS for quantity in quantities)
 
@@ -156,28 +143,6 @@ def test_a_sign_convention_of_the_team_is_named_as_one_finding(sound, channels, 
     measured = [name for name in channels if not name.endswith("velocity")]
     assert all(name in only(found).remedy for name in measured)
     assert "velocity" not in only(found).remedy
-
-
-@pytest.mark.nightly
-@settings(max_examples=6, deadline=None)
-@given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
-def test_a_delay_of_any_channel_is_named_with_its_size(sound, name, delay, late):
-    seconds = 1e-3 * (delay if late else -delay)
-    found = only(record_findings(advance_channels(sound, {name: -seconds}), CORNERS))
-    assert (found.rule, found.channels) == (WRONG_DELAY, (name,))
-    assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
-
-
-@pytest.mark.nightly
-def test_a_command_that_carries_noise_is_named(sound):
-    """The noise is small within the band, so that the command alone would be that of a corner at rest."""
-    commanded, name = sound, "lf.road_command"
-    for corner in CORNERS:
-        commanded = commanded.with_channel(f"{corner}.road_command", "m", sound[f"{corner}.road"])
-    noise = sound["lf.road"].std() * np.random.default_rng(0).standard_normal(len(sound))
-    assert record_findings(commanded, CORNERS) == ()
-    found = only(record_findings(with_row(commanded, name, noise), CORNERS))
-    assert (found.rule, found.channels) == (DISCONNECTED, (name,))
 
 
 @pytest.mark.parametrize("name", ["rr.displacement", "lr.chassis_acceleration"])
@@ -240,19 +205,6 @@ def test_a_drive_is_broadband_unless_one_line_has_most_of_its_power(noise, expec
     acceleration = np.where(np.arange(40) == 20, 1.0, np.full((8, 40), noise))
     road = acceleration / (2.0 * np.pi * frequencies) ** 2
     assert is_broadband(Spectra(frequencies, {"road": road, "tire_force": 3e5 * road}), [""]) is expected
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ["lf.displacement", "rr.force", "lr.tire_force"])
-def test_a_late_channel_is_reported_once(sound, tmp_path, name):
-    late = advance_channels(sound, {name: -0.012})
-    (note,) = prepare([RigTest(late)]).notes
-    (found,) = re.findall(rf"{re.escape(name)} is ([\d.]+) ms \(\+-0\.[1-9] ms\) late", note)
-    assert float(found) == pytest.approx(12.0, abs=0.5)
-    code, said = run("inspect", written(late, tmp_path / "rig.parquet"))
-    assert code == 1, said
-    assert said.count("warning ") == 1
-    assert f"warning {name} is " in said
 
 
 @pytest.mark.nightly

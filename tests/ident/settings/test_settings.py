@@ -72,16 +72,6 @@ def forces(law, velocity):
     return np.array([law.curve.force(v) for v in velocity])
 
 
-@pytest.mark.nightly
-def test_four_files_predict_the_fifth_as_well_as_its_own_fit():
-    fit = fit_settings(rebound_table((0.0, 7.0, 21.0, 28.0)))
-    found = fit.shock.at(clicks={"rebound": 14}).law
-    velocity = np.linspace(-0.7, 0.7, 141)
-    truth = forces(true_law(14.0), velocity)
-    assert np.std(forces(found, velocity) - truth) < 0.01 * truth.std()
-    assert found.time_constant == pytest.approx(1.5e-3, rel=0.05)
-
-
 def test_every_inner_file_is_predicted_by_the_others_almost_as_well_as_it_is_fitted(rebound):
     outer, inner = [rebound.predicted[k] for k in (0, -1)], rebound.predicted[1:-1]
     assert outer == [None, None]

@@ -109,28 +109,6 @@ def test_the_95_percent_band_contains_the_true_response_95_percent_of_the_time(g
     assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
 
 
-def louder(corner: VehicleFit, gain: float) -> VehicleFit:
-    """Return the car with a tire force that is too large by a factor."""
-    model = corner.vehicle.state_space
-    row = model.output_names.index("tire_force")
-    C, D = model.C.copy(), model.D.copy()
-    C[row], D[row] = gain * C[row], gain * D[row]
-    loud = StateSpace(model.A, model.B, C, D, model.inputs, model.outputs, None, model.name)
-    return fit_of(replace(corner.vehicle, state_space=loud))
-
-
-@pytest.mark.nightly
-def test_a_common_gain_error_changes_levels_but_not_trends(corner: VehicleFit, setups: list[RigTest]) -> None:
-    fit = louder(corner, 1.1)
-    study = validate_vehicle(fit, records_of(fit, *setups))
-    trend = next(one for one in study.trends if one.name == "tire_force")
-    assert trend.bias == pytest.approx(0.1, abs=0.003)
-    assert trend.rank == 1.0
-    assert trend.remaining_error < 0.003
-    assert study.cases[0].spectra["tire_force"].share > 0.9
-    assert vehicle_verdict(study, Limits(level=0.12)).is_acceptable
-
-
 @pytest.mark.nightly
 def test_closed_ports_reproduce_the_virtual_rig(shocks: dict[str, Shock]) -> None:
     fit = truth_fit("seven_dof", ranges={})
