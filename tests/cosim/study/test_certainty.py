@@ -214,12 +214,6 @@ def test_a_measure_in_a_band_has_the_uncertainty_of_its_output_and_says_so():
     assert certainty_of(replace(study, study=meant)).levels["a"].basis == "unknown"
 
 
-def test_builds_without_stated_uncertainty_leave_the_choice_unknown():
-    found = certainty_of(two_setups(0.01), Knowledge(unstated=("C/C",)))
-    (reason,) = [one for one in certainty_reasons(found) if one.grade is Grade.UNKNOWN]
-    assert "C/C" in reason.figure
-
-
 def test_a_build_without_the_effect_of_any_parameter_is_unknown_and_not_exact():
     """Nothing is stated about the shocks, or the runs with another parameter of C/C failed."""
     failed = Effect("C/C", "lag", 1.0, 0.0, {}, {})
@@ -227,23 +221,6 @@ def test_a_build_without_the_effect_of_any_parameter_is_unknown_and_not_exact():
         found = certainty_of(two_setups(0.01), known)
         (fits,) = [one for one in found.contributions if one.name == "shock fits"]
         assert fits.status is Status.UNKNOWN and "C/C" in fits.text and not found.is_known
-
-
-def test_the_contribution_of_the_fits_says_which_of_them_count_as_correlated():
-    apart = lag("B/B", 0.001), lag("C/C", 0.001)
-    for effects, is_expected in ((apart, False), (paired(*apart, 0.9), True)):
-        (fits,) = [
-            x for x in certainty_of(two_setups(0.01), Knowledge(effects)).contributions if x.name == "shock fits"
-        ]
-        assert ("the errors of 2 of them are correlated" in fits.text) is is_expected
-
-
-def test_copies_are_included_only_if_all_builds_state_them():
-    one = certainty_of(two_setups(0.01), Knowledge((lag("B/B", 0.001), lag("C/C", 0.001, copies=2.0))))
-    (copies,) = [one for one in one.contributions if one.name == "build to build"]
-    assert copies.status is Status.LEFT_OUT and copies.text == "copies of B/B are treated as equal"
-    both = certainty_of(two_setups(0.01), Knowledge(tuple(lag(b, 0.001, copies=2.0) for b in ("B/B", "C/C"))))
-    assert {one.name: one.status for one in both.contributions}["build to build"] is Status.INCLUDED
 
 
 def test_a_certain_choice_is_usable_and_a_tie_is_not():

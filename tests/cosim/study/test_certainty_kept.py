@@ -142,12 +142,3 @@ def test_a_sum_without_an_error_is_below_a_value_or_not() -> None:
     none = np.zeros(3)
     assert probability_below(np.array([-1e-9, 0.0, 1e-9]), none, none, 4.0).tolist() == [0.0, 0.5, 1.0]
     assert half_width(0.95, none, none, 4.0).tolist() == [0.0, 0.0, 0.0]
-
-
-def test_half_widths_of_sums_are_unchanged(unchanged: Callable[..., None]) -> None:
-    shares = np.linspace(0.0, 1.0, 7)
-    unchanged({f"{p} {degrees}": half_width(p, 4.0 * shares, 4.0 * (1.0 - shares), degrees)
-               for p in (0.5, 0.8, 0.95) for degrees in (4.0, 30.0)})  # fmt: skip
-    values = np.array([-2.0, 0.3, 1.5])
-    unchanged({f"{share}": probability_below(values, np.full(3, share), np.full(3, 1.0 - share), 4.0)
-               for share in (0.0, 0.4, 1.0)}, "below")  # fmt: skip

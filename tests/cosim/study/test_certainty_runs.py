@@ -148,13 +148,6 @@ def test_rig_runs_that_agree_with_each_other_but_not_with_the_prediction_are_nam
     np.testing.assert_allclose(found.levels["a"].expected, 1.2 * levels, rtol=0.01)
 
 
-def test_rig_runs_of_unknown_repeatability_are_reported_as_a_gap():
-    found = certainty_of(two_setups(0.01), Knowledge(runs=(run(0, a=1.0),)))
-    states = {one.name: one.status for one in found.contributions}
-    assert states["run to run"] is Status.UNKNOWN
-    assert not found.is_known
-
-
 @pytest.mark.nightly
 @settings(max_examples=4, deadline=None)
 @given(st.permutations([0, 1, 2]))

@@ -14,17 +14,13 @@ import pytest
 
 from cosim.study.choice.assess import Knowledge, certainty_of, posterior_of
 from cosim.study.choice.compare import Comparison, changes, compare_runs, comparison_verdict, write_and_plot
-from cosim.study.choice.optimise import Optimum, Scores, Search, objectives_in_words, optimise, violation
+from cosim.study.choice.optimise import Optimum, Search, objectives_in_words, violation
 from cosim.study.choice.rig_day import Measured, comparisons, repeated, select, write_selection
 from cosim.study.choice.robust import (
-    Spread,
     Uncertain,
-    Uncertainty,
     drawn_studies,
     leading,
-    linearity_check,
     read_uncertainty,
-    write_spreads,
 )
 from cosim.study.choice.sensitivity import sensitivities_of, write_terms
 from cosim.study.choice.shape_search import (
@@ -37,7 +33,7 @@ from cosim.study.choice.shape_search import (
     band,
     search,
 )
-from cosim.study.definition import Build, Constraint, SetupSpace, Term
+from cosim.study.definition import Build, Constraint, Term
 from cosim.study.measures import Measure
 from cosim.study.running.evaluator import Coupling
 from cosim.study.running.sweep import Trials
@@ -137,28 +133,6 @@ def test_the_picture_of_a_comparison_of_runs_is_unchanged(unchanged: Unchanged) 
             for name, scale in {"first": 1.0, "second": 1.25, "third": 0.5}.items()}  # fmt: skip
     measures = tuple(Measure(name, (name,)) for name in "xyz")
     unchanged(drawn(changes(runs, measures)))
-
-
-SPACE = SetupSpace(dict.fromkeys(CORNERS, tuple("ABCDEFG")), alike=(("lf", "rf"),))
-
-
-@pytest.mark.parametrize(("objectives", "limit", "start"), [
-    (1, np.inf, ()), (2, np.inf, (7,)), (1, 0.35, ()),
-], ids=["one", "two", "limited"])  # fmt: skip
-def test_a_search_of_a_bank_is_unchanged(
-    objectives: int, limit: float, start: tuple[int, ...], unchanged: Unchanged
-) -> None:
-    def evaluate(indices: np.ndarray) -> Scores:
-        places = SPACE.digits(indices) / 6.0
-        first = ((places - [0.2, 0.2, 0.9, 0.6]) ** 2).sum(axis=1) + 0.1 * np.sin(9.0 * places[:, 2])
-        both = np.stack([np.where(indices == 50, np.nan, first), places[:, 3] - places[:, 0] * places[:, 2]], axis=1)
-        return Scores(both[:, :objectives], places[:, 2:3] - limit)
-
-    found = optimise(SPACE, evaluate, evaluations=90, seed=3, population=12, start=start)
-    # From the fourth row on, rounding decides among the setups of two objectives.
-    rows = [" ".join(map(str, rows)) for rows in found.indices.reshape(-1, 15)][: 3 if objectives > 1 else None]
-    unchanged({"evaluated": rows, "best": found.best, "front": found.front if objectives == 1 else None,
-               "allowed": int(found.allowed.sum()), "status": found.status})  # fmt: skip
 
 
 @pytest.mark.parametrize(("limits", "value", "expected"), [
@@ -275,20 +249,6 @@ def test_an_uncertainty_file_and_its_draws_are_unchanged(tmp_path: Path, unchang
                "draws": [{**one.bank["B"].parameters, **one.vehicle.parameters, "fmu": one.vehicle.fmu.name}
                          for one in drawn]})  # fmt: skip
     assert leading(made, 3).tolist() == sorted({*made.setups[made.ranking()[:3]].tolist(), 40})
-
-
-def test_spreads_and_the_check_of_linear_effects_are_unchanged(tmp_path: Path, unchanged: Unchanged) -> None:
-    made = assessed({"a": a, "b": b}, (0.0, 0.0), builds=BUILDS, objective=(Term("a", 2.0, "in"), Term("b", 1.0, "m")))
-    setups, generator = np.array([0, 62, 80]), np.random.default_rng(4)
-    spreads = [Spread(name, setups, made.values(name)[setups], made.values(name)[setups] * (
-        1.0 + np.array([0.0, 0.002, 0.01]) * generator.standard_normal((12, 1)))) for name in "ab"]  # fmt: skip
-    known = Knowledge((lag("C", 0.004, 0.0, "rr"), lag("C", 0.02, 0.0, "lf", "b")))
-    found = linearity_check(made, known, spreads)
-    assert found is not None
-    write_spreads(spreads, tmp_path / "robust.parquet", made, Uncertainty(run_to_run={"a": 0.1, "b": 0.2}, runs=2))
-    rows = pyarrow.parquet.read_table(tmp_path / "robust.parquet").to_pylist()
-    unchanged({"check": found._asdict(), "text": found.summary(), "noise": [row["run_to_run"] for row in rows]})
-    assert linearity_check(made, known, [spreads[0]._replace(draws=spreads[0].draws[:1])]) is None
 
 
 def test_choices_that_cannot_be_made_are_refused(unchanged: Unchanged) -> None:

@@ -228,12 +228,6 @@ def test_reasons_of_a_study_are_unchanged(unchanged: Unchanged) -> None:
 # ---- Definitions ----------------------------------------------------------------------------------------------------
 
 
-def test_setups_are_numbered_with_the_last_corner_as_the_last_digit() -> None:
-    space = SetupSpace({"lf": ("A", "B"), "rf": ("B", "C", "A"), "lr": ("A", "B", "C")}, alike=(("lf", "rf"),))
-    assert space.full == 18 and space.indices.tolist() == [6, 7, 8, 9, 10, 11] and len(space) == 6
-    assert str(space.setup(7)) == "lf A, rf A, lr B" and space.find({"lf": "B", "rf": "B", "lr": "C"}).index == 11
-
-
 def test_measures_without_a_drive_belong_to_the_first_one() -> None:
     drives = tuple(Drive(name, Path("lap.parquet"), 30.0) for name in ("dry", "wet"))
     measures = (Measure("a", ("x",)), Measure("b", ("x",), drive="wet"), Measure("c", ("x",), drive="dry"))
