@@ -29,6 +29,7 @@ from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import (
+    IN_MEMORY,
     TIME_NAMES,
     RawRecord,
     find_time,
@@ -234,7 +235,6 @@ _READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
 }  # fmt: skip
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
-_KEPT = 2**24  #: Largest file whose columns are kept in memory [bytes].
 SUFFIXES = tuple(_READERS)  #: Suffixes of files that can be read.
 
 
@@ -289,7 +289,7 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
 def _read_once(path: Path, _digest: str) -> tuple[RawRecord, ...]:
     """Read a file, of which one verb asks twice: is it a table of peak velocities, or a record."""
     records = _READERS[path.suffix.lower()](path)
-    return records if path.stat().st_size > _KEPT else tuple(record.loaded() for record in records)
+    return records if path.stat().st_size > IN_MEMORY else tuple(record.loaded() for record in records)
 
 
 def read_series(

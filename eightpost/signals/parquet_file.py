@@ -379,7 +379,7 @@ def read_parquet(path: Path) -> tuple[RawRecord, ...]:
         ]
         blocks = Blocks(len(split), file)
         for batch in _batches(reader, path):
-            blocks.add(map(_signal, batch.columns))
+            blocks.add(map(samples_of, batch.columns))
         columns = blocks.columns()
     names, units = zip(*split, strict=True) if split else ((), ())
     return (RawRecord(Origin(path), names, units, columns),)
@@ -398,7 +398,8 @@ def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
     return parse_header(metadata[_KEY], path) if _KEY in metadata else {}
 
 
-def _signal(column: arrow.Array) -> NDArray[Any]:
+def samples_of(column: arrow.Array) -> NDArray[Any]:
+    """Return a column as numbers with NaN for missing ones, or as objects if it is not numeric."""
     if DataType.is_duration(column.type):
         return _vector(column.cast(DataType.duration("ns")).cast(DataType.int64())) * 1e-9
     if DataType.is_floating(column.type) and not column.null_count:

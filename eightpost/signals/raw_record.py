@@ -160,7 +160,7 @@ def _mapped(entry: object, where: str, path: Path) -> MappedChannel:
 # ==== The record =====================================================================================================
 
 _LOG = logging.getLogger(__name__)
-IN_MEMORY = 2**24  #: Largest temporary file with the numbers of a record that is kept in memory [bytes].
+IN_MEMORY = 2**24  #: Largest file whose columns are kept in memory, and largest temporary file there [bytes].
 
 
 class Blocks:

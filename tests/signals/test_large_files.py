@@ -9,14 +9,24 @@ import numpy as np
 import pytest
 
 from eightpost.array_types import Stored
-from eightpost.errors import MissingChannelError, NotANumberError
-from eightpost.signals import ChannelMap, MappedChannel, TimeSeries, formats, raw_record, read_record, read_series
-from eightpost.signals.csv_file import write_csv
+from eightpost.errors import FileFormatError, MissingChannelError, NotANumberError
+from eightpost.signals import (
+    ChannelMap,
+    MappedChannel,
+    TimeSeries,
+    csv_file,
+    formats,
+    parquet_file,
+    raw_record,
+    read_record,
+    read_series,
+)
+from eightpost.signals.csv_file import read_delimited, write_csv
 from eightpost.signals.logger_files import write_rpc
 from eightpost.signals.parquet_file import write_parquet
 from eightpost.signals.raw_record import identity_map, mapped_series
 
-COUNT, CHANNELS = 20_000, 24
+COUNT, CHANNELS = 10_000, 24
 TIME = np.arange(COUNT) / 1000.0
 ROWS = {f"x{k}": ("m", np.round(np.sin((k + 1.0) * TIME), 6)) for k in range(CHANNELS)}
 SERIES = TimeSeries.from_channels(TIME, ROWS)
@@ -51,7 +61,11 @@ WRITERS: dict[str, Callable[[TimeSeries, Path], None]] = {
 @pytest.fixture(params=WRITERS)
 def path(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a file that counts as large."""
-    monkeypatch.setattr(formats, "_KEPT", 0)
+    for module in (formats, csv_file, parquet_file, raw_record):
+        monkeypatch.setattr(module, "IN_MEMORY", 1)
+    for module in (csv_file, parquet_file):
+        monkeypatch.setattr(module, "_ROWS", COUNT // 10)
+    monkeypatch.setattr(csv_file, "_HEAD", 2**16)  # with 290 lines
     monkeypatch.setattr(raw_record, "IN_MEMORY", 0)
     path = tmp_path / f"run{request.param}"
     WRITERS[request.param](SERIES, path)
@@ -111,3 +125,51 @@ def test_a_fault_is_found_before_a_channel_is_used(path: Path) -> None:
     record = read_record(path)
     with pytest.raises(NotANumberError, match="x3"):
         mapped_series(record, identity_map(record, MappedChannel("time")), keep=False)
+
+
+# ---- Text files of numbers only are read block by block, all others as a whole, with the same result ----------------
+
+LINES = [f"{k / 1000.0:.3f},{np.sin(0.1 * k):.4f},{k % 7}.{k % 10}" for k in range(400)]
+HEADER = "Bench 3\ntime [s],x [mm],F [N]\n"
+TABLE = HEADER + "\n".join(LINES) + "\n"
+COMMAS = TABLE.replace(",", ";").replace(".", ",")
+PLAIN = {
+    "plain": TABLE, "without an end": TABLE[:-1], "line ends of Windows": TABLE.replace("\n", "\r\n"),
+    "decimal commas": COMMAS, "tabs": TABLE.replace(",", "\t"), "an empty cell": TABLE.replace(",0.8415,", ",,"),
+    "no number": TABLE.replace(",0.8415,", ",nan,"), "empty lines at the end": TABLE + "\n\n",
+    "units in a row": TABLE.replace("time [s],x [mm],F [N]", "time,x,F\ns,mm,N"), "no header": "\n".join(LINES),
+    "quotes": TABLE.replace(",0.8415,", ',"0.8415",'), "a byte order mark": "\ufeff" + TABLE,
+}  # fmt: skip
+OTHER = {
+    "an empty line": TABLE.replace("0.300,", "\n0.300,"), "a comment": TABLE.replace("0.300,", "# pause\n0.300,"),
+    "a footer": TABLE + "Max,1,6.9\n", "a second table": TABLE + TABLE, "a cut number": TABLE[:-4],
+    "a cut line": TABLE[:-7] + "\n", "a time of day": TABLE.replace("\n0.", "\n10:00:0."),
+    "a word": TABLE.replace("0.8415", "bad"),
+    "a negative in parentheses": TABLE.replace("-0.9589", "(0.9589)"), "a blank": TABLE.replace(",0.8415", ", 0.8415"),
+    "thousands": COMMAS.replace(";6,9", ";1.006,9"), "a missing cell": TABLE.replace(",0.8415,", ",N/A,"),
+    "a last delimiter": TABLE.replace("\n", ",\n"), "remarks": TABLE.replace("0.8415,", "0.8415,,"),
+    "few lines": HEADER + "\n".join(LINES[:20]),
+    "an empty last line of cells": TABLE + ",,\n", "a zero byte": TABLE.replace("0.8415", "0.8\x0015"),
+}  # fmt: skip
+
+
+def outcome(path: Path) -> tuple[object, ...]:
+    """Return what is read from a text file, or why not."""
+    try:
+        records = read_delimited(path)
+    except FileFormatError as error:
+        return (str(error),)
+    return tuple((r.names, r.units, r.preamble, r.notes, r.steps, r.origin.header_line, r.origin.lines.tolist(),
+                  [list(map(repr, column.tolist())) for column in r.loaded().columns]) for r in records)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [*PLAIN, *OTHER])
+def test_a_large_text_file_is_read_as_a_small_one(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes((PLAIN | OTHER)[kind].encode())
+    expected = outcome(path)
+    monkeypatch.setattr(csv_file, "IN_MEMORY", 1)
+    monkeypatch.setattr(csv_file, "_ROWS", 50)
+    assert outcome(path) == expected
+    if kind in PLAIN:
+        assert isinstance(read_delimited(path)[0].columns[0], Stored)
