@@ -216,8 +216,7 @@ def _show_record_file(console: Console, path: Path, asked: _InspectOptions) -> b
         if is_drive(records[0], mapping):
             _show_drive(console, records[0], mapping, channels.units)
             return False
-        del record, records  # they take as much memory as the test
-        return _show_rig_test(console, read_rig_test(path, **channels.of(path)), mass)
+        return _show_rig_test(console, read_rig_test(path, keep=False, **channels.of(path)), mass)
     if proposed := propose_map(records[0]):
         _show_proposed(console, path, proposed, asked.folder)
     if mass is not None:
@@ -291,7 +290,8 @@ def _ranges(series: TimeSeries) -> str:
     from eightpost.units import shown
 
     parts = []
-    for name, si, values in zip(series.names, series.units, series.values, strict=True):
+    for name, si in zip(series.names, series.units, strict=True):
+        values = series[name]
         (low, unit), (high, _) = (shown(float(end), si) for end in (values.min(), values.max()))
         parts.append(f"{name} {low:.4g} to {high:.4g} {unit}")
     return ", ".join(parts)
@@ -390,7 +390,7 @@ def _show_drive(console: Console, record: RawRecord, mapping: ChannelMap, units:
     from eightpost.rig.rig_test import CHANNEL_UNITS
     from eightpost.signals.raw_record import mapped_series
 
-    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
+    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS, keep=False)
     show_text(console, f"{series.duration:.4g} s at {series.sample_rate:.6g} Hz, {len(series.names)} channels: a drive "
               "file, which has motions and loads of actuators, and no response of a car")  # fmt: skip
     details(console).print(_channel_table(series, ("minimum", "maximum", "mean", "std")))
@@ -427,9 +427,9 @@ def _channel_table(series: TimeSeries, statistics: Sequence[str]) -> Table:
     from eightpost.units import convert, display_unit
 
     rows = []
-    for name, si, values in zip(series.names, series.units, series.values, strict=True):
+    for name, si in zip(series.names, series.units, strict=True):
         unit = display_unit(si)
-        drawn = convert(values, si, unit)
+        drawn = convert(series[name], si, unit)
         figures = {"minimum": drawn.min(), "maximum": drawn.max(), "mean": drawn.mean(), "std": drawn.std()}
         rows.append((name, unit, *(f"{figures[statistic]:.5g}" for statistic in statistics)))
     return console_table(["channel", "unit", *statistics], rows)

@@ -6,11 +6,12 @@ import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eightpost.array_types import Stored
 from eightpost.errors import EightpostError, FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.workers.process import ParentChannel
@@ -43,30 +44,54 @@ class Signal(NamedTuple):
 
     name: str
     unit: str
-    samples: NDArray[np.float64]
+    samples: NDArray[np.float64] | Stored
     times: NDArray[np.float64]
 
 
-def load_mdf(path: Path) -> tuple[list[Signal], str]:
-    """Return the numeric channels of a file and the comment in its header."""
+class Written(NamedTuple):
+    """A numeric channel whose samples were written into a file: their type, number and place, and their times [s]."""
+
+    name: str
+    unit: str
+    kind: np.dtype[Any]
+    size: int
+    place: int
+    times: NDArray[np.float64]
+
+
+def load_mdf(path: Path, target: Path) -> tuple[list[Written], str]:
+    """Write the samples of the numeric channels of a file into another one.
+
+    Return the channels, and the comment in the file's header.
+    """
     mdf = importlib.import_module("asammdf").MDF(path)  # an optional dependency without type hints
     try:
-        return list(_numeric(mdf)), str(mdf.header.comment or "")
+        with target.open("wb") as stream:
+            return list(_numeric(mdf, stream)), str(mdf.header.comment or "")
     finally:
         mdf.close()
 
 
-def _numeric(mdf: Any) -> Iterator[Signal]:
-    """Yield the channels with one number per sample; skip texts, arrays and time axes.
+_AT_ONCE = 8  #: Channels of an MDF file that are in memory; for each further set, the file is read once more.
 
-    Channels with the same times share them, and samples have the type of the file: a process sends them to another.
+
+def _numeric(mdf: Any, stream: BinaryIO) -> Iterator[Written]:
+    """Write and yield the channels with one number per sample; skip texts, arrays and time axes.
+
+    Channels with the same times share them.
     """
     times = np.zeros(0)
-    for signal in mdf.iter_channels(skip_master=True):
-        if signal.samples.dtype.kind in "iuf" and signal.samples.ndim == 1:
-            if not np.array_equal(times, signal.timestamps):
-                times = np.asarray(signal.timestamps, dtype=np.float64)
-            yield Signal(str(signal.name), str(signal.unit).strip(), np.ascontiguousarray(signal.samples), times)
+    for number in mdf.virtual_groups:
+        places = [(None, k, i) for k, own in mdf.included_channels(number)[number].items() for i in own]
+        for start in range(0, len(places), _AT_ONCE):
+            for signal in mdf.select(places[start : start + _AT_ONCE], copy_master=False):
+                if signal.samples.dtype.kind not in "iuf" or signal.samples.ndim != 1:
+                    continue
+                if not np.array_equal(times, signal.timestamps):
+                    times = np.asarray(signal.timestamps, dtype=np.float64)
+                size, kind, place = signal.samples.size, signal.samples.dtype, stream.tell()
+                stream.write(np.ascontiguousarray(signal.samples).data)
+                yield Written(str(signal.name), str(signal.unit).strip(), kind, size, place, times)
 
 
 def load_xrk(path: Path) -> tuple[list[Signal], list[str]]:

@@ -98,7 +98,7 @@ def dyno_map(record: RawRecord, channel_map: ChannelMap | None = None) -> Channe
     found = {name: _first(list(filter(of_number.search, names)) or names) for name, names in ranked.items()}
     channels = {name: pick for name, pick in found.items() if pick} | dict(given.channels)
     if "displacement" not in channels and (length := _first(_candidates(record, "length", taken))):
-        values = record.columns[record.names.index(length.source)]  # the displacement is 0 in the middle of the stroke
+        values = record.column(record.names.index(length.source))  # the displacement is 0 in the middle of the stroke
         middle = 0.0 if values.dtype == object or not values.size else 0.5 * float(values.min() + values.max())
         channels["displacement"] = replace(length, gain=-1.0, offset=middle)
     return ChannelMap(channels, time, given.path)
@@ -290,7 +290,7 @@ def _unreadable(record: RawRecord, channel: str, pick: MappedChannel, units: Map
         return f"its unit {unit!r} is not one of a {channel}"
     if is_command(pick.source, channel):
         return _IS_COMMAND
-    return _fault_of_samples(record.columns[place], channel)
+    return _fault_of_samples(record.column(place), channel)
 
 
 def _fault_of_samples(column: NDArray[Any], channel: str) -> str:
@@ -320,7 +320,7 @@ def _with_filled_temperature(record: RawRecord, mapping: ChannelMap) -> RawRecor
     if pick is None or pick.source not in record.names:
         return record
     place = record.names.index(pick.source)
-    values = record.columns[place]
+    values = record.column(place)
     if values.dtype == object or not (known := np.isfinite(values)).any():
         return record
     rows = np.arange(values.size)
@@ -393,9 +393,10 @@ NAMED, TEXTS = 4, 8  #: Number of times that are named, and of values of a colum
 def column_faults(record: RawRecord, mapping: ChannelMap, series: TimeSeries) -> Iterator[Fault]:
     """Yield a fault for each column that is not read and changes during the record."""
     used = {pick.source for pick in mapping.channels.values()} | ({mapping.time.source} if mapping.time else set())
-    for name, unit, column in zip(record.names, record.units, record.columns, strict=True):
-        if name in used or _is_sensor(name, unit) or column.size != series.time.size:
+    for place, (name, unit) in enumerate(zip(record.names, record.units, strict=True)):
+        if name in used or _is_sensor(name, unit) or record.columns[place].size != series.time.size:
             continue
+        column = record.column(place)
         is_control, is_text = _is_unit_of(unit, *_CONTROL), column.dtype == object
         figure = _text_change(column, series.time) if is_text else _change(column, series, is_control=is_control)
         if figure:

@@ -315,7 +315,7 @@ def _with_even_time(record: RawRecord, mapping: ChannelMap) -> RawRecord:
     place = record.names.index(mapping.time.source) if mapping.time and mapping.time.source in record.names else -1
     if place < 0 or record.columns[place].dtype == object:
         return record
-    old = record.columns[place]
+    old = record.column(place)
     if (new := spread_evenly(old)) is old:
         return record
     moved = float(np.abs(new - old).max())

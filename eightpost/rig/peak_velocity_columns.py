@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def _with_names(record: RawRecord, picks: Mapping[str, MappedChannel]) -> RawRec
         for i, name in enumerate(record.names)
         if i in found or not any(_is_kind(name, kind) for kind in kinds & {"speed", "force"})
     ]
-    names, units, columns = list(record.names), list(record.units), list(record.columns)
+    names, units, columns = list(record.names), list(record.units), [*map(record.column, range(len(record.names)))]
     for i, (name, pick) in found.items():
         names[i], units[i] = name, pick.unit or units[i]
         if (pick.gain, pick.offset) != (1.0, 0.0):
@@ -84,7 +84,7 @@ def _with_names(record: RawRecord, picks: Mapping[str, MappedChannel]) -> RawRec
     return _with_columns(record, [(names[i], units[i], columns[i]) for i in kept])
 
 
-def _with_columns(record: RawRecord, columns: Sequence[tuple[str, str | None, NDArray[np.generic]]]) -> RawRecord:
+def _with_columns(record: RawRecord, columns: Sequence[tuple[str, str | None, NDArray[Any]]]) -> RawRecord:
     names, units, values = zip(*columns, strict=True)
     return replace(record, names=names, units=units, columns=values)
 
@@ -97,9 +97,9 @@ def _of_speeds(record: RawRecord) -> RawRecord:
     others = [i for i in range(len(record.names)) if i not in speeds]
     places = np.repeat(np.arange(record.columns[0].size), len(speeds))
     sides = [
-        i for i in others if record.columns[i].dtype == object and all(map(_stroke_of, map(str, record.columns[i])))
+        i for i in others if record.columns[i].dtype == object and all(map(_stroke_of, map(str, record.column(i))))
     ]
-    columns = [("side" if i in sides else record.names[i], record.units[i], record.columns[i][places]) for i in others]
+    columns = [("side" if i in sides else record.names[i], record.units[i], record.column(i)[places]) for i in others]
     forces = np.array([record.numbers(i, channel=record.names[i]) for i in speeds])
     columns += [
         ("speed", "m/s", np.tile(np.array(list(speeds.values())), record.columns[0].size)),
@@ -142,7 +142,7 @@ def _of_rates(record: RawRecord) -> RawRecord:
     )
     places = np.repeat(np.arange(knees.size), speed.size)
     note = f"force from two damping rates per stroke, to {top:.3g} m/s, rounded within 3 % of the knee"
-    columns = [("side", None, record.columns[side][places]), ("speed", "m/s", np.tile(speed, knees.size)),
+    columns = [("side", None, record.column(side)[places]), ("speed", "m/s", np.tile(speed, knees.size)),
                ("force", "N", force.ravel())]  # fmt: skip
     return _with_columns(replace(record, origin=record.origin.at(places), steps=(*record.steps, note)), columns)
 
@@ -258,7 +258,7 @@ class Columns:
         Raises:
             DataError: The table has a fault; see read_peak_velocity.
         """
-        words = [self.record.columns[i] for i in self._all("side")]
+        words = [self.record.column(i) for i in self._all("side")]
         sides = next(
             (cells for cells in words if cells.dtype == object and not all(map(is_number, map(str, cells)))), None
         )
@@ -366,7 +366,7 @@ class Columns:
         count = self.record.columns[0].size
         if i is None:
             return [""] * count
-        cells = self.record.columns[i]
+        cells = self.record.column(i)
         name = self.record.names[i].lower()
         return [f"{name} {float(cell):g}" if is_number(str(cell)) else str(cell) for cell in cells]
 
@@ -394,7 +394,7 @@ class Columns:
         """
         is_filled = np.ones(self.record.columns[0].size, dtype=bool)
         if all(self.record.columns[i].dtype != object for i in (speeds, forces)):
-            is_filled = ~(np.isnan(self.record.columns[speeds]) & np.isnan(self.record.columns[forces]))
+            is_filled = ~(np.isnan(self.record.column(speeds)) & np.isnan(self.record.column(forces)))
         rows = np.flatnonzero(is_filled)
         speed = self._values(speeds, "speed", "m/s", rows)
         is_slope = _STATISTICS & set(re.findall(r"[a-z]+", self.record.names[forces].lower()))

@@ -485,6 +485,7 @@ def read_rig_test(
     units: Mapping[str, str] | None = None,
     flip: Iterable[str] = (),
     needs: Sequence[Sequence[str]] = IDENTIFIED,
+    keep: bool = True,
 ) -> RigTest:
     """Read and check a rig record written by eightpost, or by another program with a channel map.
 
@@ -499,6 +500,7 @@ def read_rig_test(
         needs: Quantities that every corner must have, each as its possible names. By default, those of an
             identification: the position of the wheelloader (`road`), the tire force, the force of the shock, and the
             displacement or velocity of the shock.
+        keep: Whether the test has its samples in memory; otherwise it reads a channel each time it is used.
 
     Raises:
         FileFormatError: The file cannot be read.
@@ -520,7 +522,7 @@ def read_rig_test(
     mapping = rig_map(record, channel_map).flipped(flip)
     for name, pick in mapping.channels.items():
         record.check_unique(pick.source, channel=name)
-    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS)
+    series = mapped_series(record, mapping, units=units, expected=CHANNEL_UNITS, keep=keep)
     corners = _corners_of(series)
     _check_channels(series, corners, needs, record, path)
     if len(series) < 2:

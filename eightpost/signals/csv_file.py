@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
+import tempfile
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import arro3.io
 import numpy as np
-from arro3.core import Array, Table
+from arro3.core import Array, DataType, Field, Schema, Table
 from numpy.typing import NDArray
 
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, plain_cell, quoted_cell, reading, safe_line
 from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord
+from eightpost.signals.parquet_file import samples_of
+from eightpost.signals.raw_record import IN_MEMORY, Blocks, RawRecord
 from eightpost.signals.table_text import (
     decimal_mark,
     decoded,
@@ -65,7 +68,16 @@ def read_delimited(path: Path) -> tuple[RawRecord, ...]:
         FileFormatError: There is no table, or a line has another number of columns.
     """
     with reading(path):
-        text = decoded(path.read_bytes())
+        if path.stat().st_size > IN_MEMORY:
+            with suppress(ValueError, FileFormatError):
+                return (_read_numbers(path),)
+        content = path.read_bytes()
+    return text_records(_lines(content, path), path, may_be_cut=True)
+
+
+def _lines(content: bytes, path: Path) -> list[str]:
+    """Return the lines of a text file, with tabs between columns that are separated by spaces."""
+    text = decoded(content)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if "\0" in text:
         number = next(number for number, line in enumerate(lines, 1) if "\0" in line)
@@ -75,7 +87,7 @@ def read_delimited(path: Path) -> tuple[RawRecord, ...]:
     if longest > _LONGEST_LINE:
         what = f"the line has {longest} characters, the limit is {_LONGEST_LINE}: this is not a table of channels"
         raise FileFormatError(what, path=path, line=1 + [len(line) for line in lines].index(longest))
-    return text_records(with_tabs(with_whole_headers(without_spaces_before_quotes(lines))), path, may_be_cut=True)
+    return with_tabs(with_whole_headers(without_spaces_before_quotes(lines)))
 
 
 def text_records(lines: list[str], path: Path, *, may_be_cut: bool = False) -> tuple[RawRecord, ...]:
@@ -106,7 +118,9 @@ def _record(
     start, end, preamble = block
     layout = _find_layout(lines[start:end], path, offset=start)
     first = layout.first_line
-    cells = [_split_cells(line, layout.delimiter) or [""] for line in lines[first - 1 : end]]
+    cells: Sequence[list[str]] = _Cells(lines[first - 1 : end], layout.delimiter)
+    if sum(map(len, lines)) <= IN_MEMORY:
+        cells = list(cells)
     stop = first - 1 + without_footer(cells)
     numbers = np.array([i for i, line in enumerate(lines[first - 1 : stop], first) if line.strip()])
     if may_be_cut and numbers.size:
@@ -118,26 +132,55 @@ def _record(
             )
             notes, numbers = (*notes, note), numbers[:-1]
     decimal = decimal_mark("\n".join(lines[i - 1] for i in numbers), layout.delimiter)
-    columns, more = _columns([layout.filled(cells[i - first]) for i in numbers], layout, decimal, numbers, path)
+    columns, more = _columns(cells, layout, decimal, numbers, path)
     origin = Origin(path, numbers, layout.unit_line)
     return RawRecord(origin, layout.names, layout.units, columns, preamble, notes, (*steps, *more))
 
 
+class _Cells(Sequence[list[str]]):
+    """The cells of lines, which are split when they are used: all together take many times the memory of the lines."""
+
+    def __init__(self, lines: Sequence[str], delimiter: str) -> None:
+        self._lines, self._delimiter = lines, delimiter
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    def __getitem__(self, place: Any) -> Any:
+        return _split_cells(self._lines[place], self._delimiter) or [""]
+
+
 def _columns(
-    rows: list[list[str]], layout: Layout, decimal: str, numbers: NDArray[np.int64], path: Path
+    cells: Sequence[list[str]], layout: Layout, decimal: str, numbers: NDArray[np.int64], path: Path
 ) -> tuple[tuple[NDArray[Any], ...], tuple[str, ...]]:
-    """Return one vector (N,) for each named column, of type object if a cell is not a number, and notes."""
-    width = len(layout.names) + layout.padding
-    for row, number in zip(rows, numbers, strict=True):
-        if len(row) != width:
-            what = f"the line has {len(row)} columns instead of {width}; check whether the file was truncated"
-            raise FileFormatError(what, path=path, line=int(number))
-    table = list(zip(*rows, strict=True)) or [()] * width
+    """Return one vector (N,) for each named column, of type object if a cell is not a number, and notes.
+
+    `cells` are those of all lines from the first sample on, of which the lines `numbers` (N,) are samples.
+    """
     named = len(layout.names)
-    if any(sum(cell not in _MISSING for cell in column) > _REMARKS * len(column) for column in table[named:]):
+    width = named + layout.padding
+    places = (numbers - layout.first_line).tolist()
+    parts: list[list[NDArray[Any] | None]] = [[np.empty(0)] for _ in layout.names]
+    remarks = np.zeros(layout.padding)
+    for start in range(0, len(places), _ROWS):
+        rows = [layout.filled(cells[i]) for i in places[start : start + _ROWS]]
+        for row, number in zip(rows, numbers[start:], strict=False):
+            if len(row) != width:
+                what = f"the line has {len(row)} columns instead of {width}; check whether the file was truncated"
+                raise FileFormatError(what, path=path, line=int(number))
+        table = list(zip(*rows, strict=True))
+        remarks += [sum(cell not in _MISSING for cell in column) for column in table[named:]]
+        for own, column in zip(parts, table, strict=False):
+            own.append(_numbers(column, decimal))
+    if (remarks > _REMARKS * len(places)).any():
         what = f"the header names {named} columns, but the lines of numbers have {width}; name every column"
         raise FileFormatError(what, path=path, line=layout.header_line)
-    columns = [_vector(column, decimal) for column in table[:named]]
+    columns = [
+        np.concatenate(found)
+        if len(found := [part for part in own if part is not None]) == len(own)
+        else _texts([layout.filled(cells[i])[k] for i in places], decimal)
+        for k, own in enumerate(parts)
+    ]
     unclear = [i for i, one in enumerate(columns) if one.dtype == object and decimal == "." and has_three_decimals(one)]
     for i in unclear:
         columns[i] = np.array([float(str(cell).replace(",", ".")) for cell in columns[i]])
@@ -146,8 +189,8 @@ def _columns(
     return tuple(columns), (note,) if unclear else ()
 
 
-def _vector(cells: Sequence[str], decimal: str) -> NDArray[Any]:
-    """Return a column as numbers with NaN for empty cells, or as objects if it is not numeric."""
+def _numbers(cells: Sequence[str], decimal: str) -> NDArray[np.float64] | None:
+    """Return a column as numbers with NaN for empty cells; None if one is not a plain number."""
     text = "".join(cells)
     if "_" not in text and (decimal == "." or "." not in text):  # Python would read 1_000
         plain = cells if decimal == "." else [cell.replace(",", ".") for cell in cells]
@@ -155,9 +198,88 @@ def _vector(cells: Sequence[str], decimal: str) -> NDArray[Any]:
             return np.fromiter(map(float, plain), np.float64, len(plain))
         with suppress(ValueError):
             return np.array([np.nan if cell in _MISSING else float(cell) for cell in plain])
+    return None
+
+
+def _texts(cells: Sequence[str], decimal: str) -> NDArray[Any]:
+    """Return a column that is not of plain numbers: as numbers if they have thousands separators, else as objects."""
     texts = np.array(cells, dtype=object)
     grouped = None if decimal == "." and has_three_decimals(texts) else numbers_with_groups(texts, decimal)
     return texts if grouped is None else grouped
+
+
+# ---- A large file with nothing but numbers below its header, read by a library block by block -----------------------
+
+#: Beginning of a file in which its layout is found [bytes], its end in which there may be empty lines, and rows of a
+#: block.
+_HEAD, _END, _ROWS = 2**20, 64, 2**14
+
+
+class _Translated(io.RawIOBase):
+    """A file of numbers with decimal points instead of another mark; it counts its line breaks."""
+
+    def __init__(self, stream: BinaryIO, decimal: str) -> None:
+        self._stream, self.breaks, self.end = stream, 0, b""
+        self._table = bytes.maketrans(b",.", b".?") if decimal == "," else None
+
+    def read(self, size: int = -1) -> bytes:
+        """Return the next bytes."""
+        content = self._stream.read(size)
+        self.breaks += content.count(b"\n")
+        self.end = (self.end + content)[-_END:]
+        return content.translate(self._table)
+
+
+def _read_numbers(path: Path) -> RawRecord:
+    """Return the table of a file.
+
+    Raises:
+        ValueError: The file has, or may have, something else than numbers below its header.
+        FileFormatError: Its beginning is not that of a table.
+    """
+    with path.open("rb") as stream, tempfile.SpooledTemporaryFile(IN_MEMORY) as file:
+        head = stream.read(_HEAD)
+        lines, signs = with_minus_signs(_lines(head[: head.rfind(b"\n")], path))
+        lines, notes = _without_comments(lines)
+        ((_, _, preamble),) = _find_blocks(lines)
+        layout = _find_layout(lines, path)
+        first, names = layout.first_line, layout.names
+        decimal = decimal_mark("\n".join(lines[first - 1 :]), layout.delimiter)
+        has_more = signs or notes or layout.padding or layout.short or b"\r" in head.replace(b"\r\n", b"")
+        is_short = len(lines) <= _LAYOUT_LINES
+        if has_more or is_short or decimal == layout.delimiter or _first_row_of_channels(lines) is not None:
+            raise ValueError("it is not a plain table")
+        stream.seek(len(head) - len(head.split(b"\n", first - 1)[-1]))
+        numbers, blocks = _Translated(stream, decimal), Blocks(len(names), file)
+        digits: list[NDArray[np.int16]] = []
+        for rows, ends in _blocks(numbers, len(names), layout.delimiter):
+            digits.append(np.array([_digits(cell) for cell in ends], dtype=np.int16))
+            blocks.add(rows)
+        columns = blocks.columns()
+    all_digits = np.concatenate(digits)
+    empty = numbers.end[len(numbers.end.rstrip()) :].count(b"\n")
+    has_gaps = numbers.breaks - empty + 1 != len(all_digits) or all(np.isnan(row[-1]) for row in rows)
+    if has_gaps or _is_shorter(all_digits, ends[-1], lambda: np.asarray(columns[-1]), has_end=empty > 0):
+        raise ValueError("it has empty lines, or its last number is cut off")
+    origin = Origin(path, np.arange(first, first + len(all_digits)), layout.unit_line)
+    return RawRecord(origin, names, layout.units, columns, preamble)
+
+
+def _blocks(numbers: _Translated, count: int, delimiter: str) -> Iterator[tuple[list[NDArray[Any]], list[str]]]:
+    """Yield the columns of successive lines, and the texts of the last one."""
+    kinds = [*[DataType.float64()] * (count - 1), DataType.utf8()]
+    schema = Schema([Field(str(i), kind, nullable=True) for i, kind in enumerate(kinds)])
+    try:
+        for batch in arro3.io.read_csv(numbers, schema, has_header=False, delimiter=delimiter, batch_size=_ROWS):
+            ends = [str(cell or "").strip() for cell in batch.columns[-1].to_pylist()]
+            last = _numbers(ends, ".")
+            if last is None:
+                raise ValueError("a cell is not a plain number")
+            yield [*map(samples_of, batch.columns[:-1]), last], ends
+    except Exception as error:
+        if type(error) is not Exception:  # which arro3 raises
+            raise
+        raise ValueError("a line has another number of cells, or a cell is not a plain number") from error
 
 
 def write_csv(
@@ -460,6 +582,7 @@ def _neighbour(lines: Sequence[str], start: int, step: int) -> str:
 
 # ---- A sample that was cut off --------------------------------------------------------------------------------------
 
+_MARKS = re.compile(r"[eE].*|\D")
 _DIGITS = re.compile(r"[^eE]*?(?:[.,](?P<decimals>\d*))?(?:[eE][+-]?(?P<exponent>\d*))?")
 _FEWEST_ROWS = 50  #: Minimum number of rows of a table whose last row can be judged; peak-velocity tables are shorter.
 _RARE = 0.01  #: Share of the numbers that may have even fewer digits: programs leave out zeros at the end.
@@ -474,31 +597,34 @@ def _is_cut_off(cells: Sequence[str], *, has_end: bool) -> bool:
     wrote the file ended it. Without one, the digits of an exponent count too, and so does the value of a number with
     few digits: it is cut off if it is at least twice as far from the line through its two predecessors as any other.
     """
-    if len(cells) < _FEWEST_ROWS or not is_number(cells[-1]):
+
+    def values() -> NDArray[Any] | None:
+        return _numbers([cell.replace(",", ".") for cell in cells], ".")
+
+    digits = np.array([_digits(cell) for cell in cells])
+    return len(cells) >= _FEWEST_ROWS and _is_shorter(digits, cells[-1], values, has_end=has_end)
+
+
+def _is_shorter(
+    digits: NDArray[np.integer], last: str, values: Callable[[], NDArray[Any] | None], *, has_end: bool
+) -> bool:
+    """Return whether the last of numbers was cut off, from the digits (N, 3) and, if needed, the values (N,) of all."""
+    if not is_number(last):
         return False
-    above = np.sort([_digits(cell) for cell in cells[:-1]], axis=0)
-    decimals, exponent = _digits(cells[-1])
+    above = np.sort(digits[:-1], axis=0)
+    decimals, exponent, size = digits[-1]
     least, most = above[0 if has_end else round(_RARE * len(above))], above[-1]
     if has_end:
         return bool(decimals < least[0] == most[0])
-    return decimals < least[0] or exponent < least[1] or _is_off(cells)
-
-
-def _digits(cell: str) -> tuple[int, int]:
-    """Return the number of decimals and of the digits of the exponent."""
-    match = _DIGITS.fullmatch(cell)
-    return (len(match["decimals"] or ""), len(match["exponent"] or "")) if match else (0, 0)
-
-
-def _is_off(cells: Sequence[str]) -> bool:
-    """Return whether the last number has few digits and is far from the line through the two above it."""
-    # Digits of each number without its exponent and without zeros in front.
-    sizes = [len(re.sub(r"[eE].*|\D", "", cell).lstrip("0")) for cell in cells]
-    if sizes[-1] >= max(sizes[-2], np.median(sizes)):
+    if decimals < least[0] or exponent < least[1]:
+        return True
+    if size >= max(digits[-2, 2], np.median(digits[:, 2])) or (known := values()) is None:
         return False
-    try:
-        values = np.array([float(cell.replace(",", ".")) for cell in cells])
-    except ValueError:
-        return False
-    bends = np.abs(np.diff(values, 2))
+    bends = np.abs(np.diff(known, 2))
     return bool(bends[-1] > _FAR * bends[:-1].max())
+
+
+def _digits(cell: str) -> tuple[int, int, int]:
+    """Return the number of decimals, of the digits of the exponent, and of those of the rest without leading zeros."""
+    match, size = _DIGITS.fullmatch(cell), len(_MARKS.sub("", cell).lstrip("0"))
+    return (len(match["decimals"] or ""), len(match["exponent"] or ""), size) if match else (0, 0, size)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import datetime
 import html
 import re
-from collections.abc import Callable, Collection, Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -15,17 +16,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eightpost.array_types import Array, Stored
 from eightpost.confined import read_confined
+from eightpost.confined.readers import Signal
 from eightpost.errors import FileFormatError
 from eightpost.extras import is_installed, requirement
 from eightpost.files import reading, sha256_of
 from eightpost.signals.csv_file import read_delimited, text_records, write_csv
 from eightpost.signals.faults import Origin
-from eightpost.signals.logger_files import read_ld, read_rpc, read_vbo, read_xrk, write_rpc
+from eightpost.signals.logger_files import mapped, read_ld, read_rpc, read_vbo, read_xrk, write_rpc
 from eightpost.signals.lvm_file import read_lvm
 from eightpost.signals.mat_file import read_json, read_mat, read_script, write_mat
 from eightpost.signals.parquet_file import read_parquet, write_parquet
 from eightpost.signals.raw_record import (
+    IN_MEMORY,
     TIME_NAMES,
     RawRecord,
     find_time,
@@ -39,7 +43,7 @@ from eightpost.units import note_file
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eightpost.confined.readers import Sheet, Signal, Table
+    from eightpost.confined.readers import Sheet, Table, Written
     from eightpost.signals.raw_record import ChannelMap
     from eightpost.signals.timeseries import TimeSeries
 
@@ -197,16 +201,22 @@ def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
     """
     if not is_installed("asammdf"):
         raise FileFormatError(requirement("reading MDF files", "asammdf", "mdf"), path=path)
-    found, comment = read_confined("eightpost.confined.readers:load_mdf", path, kind="an MDF file that asammdf reads")
-    signals: list[Signal] = [
-        signal._replace(samples=signal.samples.astype(np.float64)) for signal in found if signal.name.lower() != "time"
-    ]
-    if not signals:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        target, kind = Path(folder, "samples"), "an MDF file that asammdf reads"
+        found, comment = read_confined("eightpost.confined.readers:load_mdf", path, target, kind=kind)
+        content = mapped(target) if any(one.size for one in found) else b""
+
+    def samples(one: Written) -> Array:
+        return np.frombuffer(content, one.kind, one.size, one.place).astype(np.float64)
+
+    channels: list[Written] = [one for one in found if one.name.lower() != "time"]
+    if not channels:
         raise FileFormatError("it contains no numeric channel", path=path)
-    for signal in signals:
-        if signal.samples.size != signal.times.size:
-            what = f"it has {signal.samples.size} samples and {signal.times.size} times: the file is damaged"
-            raise FileFormatError(what, path=path, channel=signal.name)
+    for one in channels:
+        if one.size != one.times.size:
+            what = f"it has {one.size} samples and {one.times.size} times: the file is damaged"
+            raise FileFormatError(what, path=path, channel=one.name)
+    signals = [Signal(one.name, one.unit, Stored(one.size, partial(samples, one)), one.times) for one in channels]
     text = re.search(r"<TX>(.*?)</TX>", comment, flags=re.DOTALL)  # MDF 4 may wrap the comment in XML
     lines = html.unescape(text[1] if text else comment).splitlines()
     return tables_of(signals, path, tuple((line.strip(),) for line in lines if line.strip()))
@@ -215,7 +225,7 @@ def _read_mdf(path: Path) -> tuple[RawRecord, ...]:
 # ---- Reading --------------------------------------------------------------------------------------------------------
 
 #: Reader of the tables of a file, by its suffix.
-_READERS: dict[str, Callable[..., tuple[RawRecord, ...]]] = {
+_READERS: dict[str, Callable[[Path], tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_delimited),
     **dict.fromkeys((".xlsx", ".xlsm", ".xls", ".ods"), _read_spreadsheet),
     ".parquet": read_parquet, ".mat": read_mat, ".m": read_script, ".json": read_json, ".tdms": _read_tdms,
@@ -223,24 +233,21 @@ _READERS: dict[str, Callable[..., tuple[RawRecord, ...]]] = {
     **dict.fromkeys((".rsp", ".drv", ".tim", ".rpc"), read_rpc), ".ld": read_ld, ".vbo": read_vbo,
     ".xrk": read_xrk, ".xrz": read_xrk,
 }  # fmt: skip
-_BY_COLUMN = (read_rpc, read_ld)  #: Readers that can leave out columns.
 #: First bytes of files of programs that do not document their layout, and the program. A text file .pvp is read.
 _CLOSED = {".dctw": (b"", "CTW Probe"), ".pvp": (b"\xd0\xcf\x11\xe0", "the Shock program of Roehrig and MTS")}
-_KEPT = 2**24  #: Largest file whose tables are kept [bytes].
 SUFFIXES = tuple(_READERS)  #: Suffixes of files that can be read.
 
 
-def read_record(path: str | Path, *, only: Collection[str] | None = None) -> RawRecord:
+def read_record(path: str | Path) -> RawRecord:
     """Read the columns of a file with one table, without conversion.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
-        only: Names of the columns that are needed; in a large file of some formats, the others are NaN.
 
     Raises:
         FileFormatError: The file is missing, its format is unknown, it cannot be read, or it has several tables.
     """
-    first, *others = records = read_records(path, only=only)
+    first, *others = records = read_records(path)
     if others:
         line = others[0].origin.header_line
         lengths = "; ".join(f"{', '.join(each.names[:8])}: {each.columns[0].size} rows" for each in records[:4])
@@ -249,12 +256,11 @@ def read_record(path: str | Path, *, only: Collection[str] | None = None) -> Raw
     return first
 
 
-def read_records(path: str | Path, *, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
+def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     """Read all tables of a file without conversion; text, spreadsheets, LabVIEW, MDF and .mat may have several.
 
     Args:
         path: Path of a file in one of the formats of docs/reference/dyno_files.md.
-        only: Names of the columns that are needed; in a large file of some formats, the others are NaN.
 
     Raises:
         FileFormatError: The file is missing, its format is unknown, or it cannot be read.
@@ -273,10 +279,7 @@ def read_records(path: str | Path, *, only: Collection[str] | None = None) -> tu
     if suffix in _CLOSED and (beginning := _CLOSED[suffix])[0] == path.read_bytes()[: len(beginning[0])]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
-    if size <= _KEPT:
-        records = _read_once(path, sha256_of(path))
-    else:
-        records = _READERS[suffix](path, *((only,) if _READERS[suffix] in _BY_COLUMN else ()))
+    records = _read_once(path, sha256_of(path))
     if suffix != ".parquet":  # those of this project are in SI units for every user
         note_file(records[0].units)
     return records
@@ -285,7 +288,8 @@ def read_records(path: str | Path, *, only: Collection[str] | None = None) -> tu
 @lru_cache(maxsize=1)
 def _read_once(path: Path, _digest: str) -> tuple[RawRecord, ...]:
     """Read a file, of which one verb asks twice: is it a table of peak velocities, or a record."""
-    return _READERS[path.suffix.lower()](path)
+    records = _READERS[path.suffix.lower()](path)
+    return records if path.stat().st_size > IN_MEMORY else tuple(record.loaded() for record in records)
 
 
 def read_series(
@@ -305,8 +309,7 @@ def read_series(
         FileFormatError: The file cannot be read.
         DataError: The record has a fault; the subclass and the message say which fault and where.
     """
-    only = None if channel_map is None else channel_map.columns
-    record = read_record(path, only=only).bridged(channel_map.bridge if channel_map else 0)
+    record = read_record(path).bridged(channel_map.bridge if channel_map else 0)
     if channel_map is None:
         channel_map = identity_map(record, find_time(record))
     return mapped_series(record, channel_map, units=units)

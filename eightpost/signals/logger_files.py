@@ -5,13 +5,14 @@ from __future__ import annotations
 import mmap
 import re
 import struct
-from collections.abc import Collection, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Iterator, Mapping
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from eightpost.array_types import Stored
 from eightpost.confined import read_confined
 from eightpost.confined.readers import Signal
 from eightpost.errors import FileFormatError
@@ -53,19 +54,15 @@ class _Channel(NamedTuple):
     unit: bytes
 
 
-def read_ld(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
+def read_ld(path: Path) -> tuple[RawRecord, ...]:
     """Read the channels of a MoTeC log: one table for each rate and length, the one with most channels first.
 
     Temperatures change slowly, so the first table has those of the other tables too, interpolated.
 
-    Args:
-        path: Path of the file.
-        only: Names of the channels to read; the samples of the others are NaN. None to read all.
-
     Raises:
         FileFormatError: The file is not a MoTeC log, is damaged, or has no channel of numbers.
     """
-    content = _mapped(path)
+    content = mapped(path)
     times = lru_cache(lambda number, rate: np.arange(number) / rate)
     if len(content) < max(place + size for place, size in _TEXTS.values()) or _word(content, 0) != _MARK:
         raise FileFormatError("is not a log of MoTeC: its first number is another one", path=path)
@@ -77,25 +74,24 @@ def read_ld(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord,
             continue
         if channel.place + channel.number * channel.size > len(content):
             raise FileFormatError("its samples end early: copy the file again", path=path, channel=name)
-        raw = np.frombuffer(content, kind, channel.number, channel.place)
-        samples = _left_out(channel.number)
-        if only is None or name in only:
-            samples = raw.astype(np.float64)
-            samples = (samples / channel.scale * 10.0**-channel.decimals + channel.shift) * channel.factor
+        samples = Stored(
+            channel.number, partial(_scaled, np.frombuffer(content, kind, channel.number, channel.place), channel)
+        )
         signals.append(Signal(name, _plain(channel.unit), samples, times(channel.number, channel.rate)))
     texts = ((name, _plain(content[place : place + size])) for name, (place, size) in _TEXTS.items())
     return _tables(signals, path, tuple((f"{name}: {text}",) for name, text in texts if text), tuple(notes))
 
 
-def _mapped(path: Path) -> mmap.mmap:
+def mapped(path: Path) -> mmap.mmap:
     """Return the bytes of a file, of which only those that are used are read."""
     with reading(path), path.open("rb") as stream:
         return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def _left_out(count: int) -> NDArray[np.float64]:
-    """Return NaN for each sample of a channel that is not read, without memory."""
-    return np.broadcast_to(np.float64(np.nan), count)
+def _scaled(raw: NDArray[Any], channel: _Channel) -> NDArray[np.float64]:
+    """Return the samples (N,) of a channel in its unit."""
+    samples = raw.astype(np.float64)
+    return (samples / channel.scale * 10.0**-channel.decimals + channel.shift) * channel.factor
 
 
 def _channels(content: mmap.mmap, path: Path) -> Iterator[_Channel]:
@@ -200,19 +196,15 @@ _FILLED = 3  #: Fewest repeated samples of all channels at the end of the last f
 _POINTS, _FULL_SCALE = 2048, 32752  #: Points of a frame and largest integer of a file that is written.
 
 
-def read_rpc(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord, ...]:
+def read_rpc(path: Path) -> tuple[RawRecord, ...]:
     """Read the channels of a time history with names and units as written, and the column `time` [s].
 
     Without the entry `SAMPLES`, what fills the last frame (the last sample of each channel) is left out with a note.
 
-    Args:
-        path: Path of the file.
-        only: Names of the channels to read; the samples of the others are NaN. None to read all.
-
     Raises:
         FileFormatError: The file is not a time history in RPC III, or is damaged.
     """
-    content = _mapped(path)
+    content = mapped(path)
     header, start = _header(content, path)
     stated = {"FILE_TYPE": "TIME_HISTORY", "DATA_TYPE": "SHORT_INTEGER", **header}
     kind = _RPC_KINDS.get(stated["DATA_TYPE"])
@@ -238,12 +230,11 @@ def read_rpc(path: Path, only: Collection[str] | None = None) -> tuple[RawRecord
     units = [header.get(f"UNITS.CHAN_{i}") or None for i in numbers]
     scales = [_positive(header, f"SCALE.CHAN_{i}", path) if kind == "i2" else 1.0 for i in numbers]
     time = _positive(header, "DELTA_T", path) * np.arange(size)
-    columns = [
-        scale * np.concatenate([groups[:, k].ravel(), rest[k]])[:size].astype(np.float64)
-        if only is None or name in only
-        else _left_out(size)
-        for k, (name, scale) in enumerate(zip(names, scales, strict=True))
-    ]
+
+    def samples(k: int) -> NDArray[np.float64]:
+        return scales[k] * np.concatenate([groups[:, k].ravel(), rest[k]], dtype=np.float64)[:size]
+
+    columns = (Stored(size, partial(samples, k)) for k in range(count))
     facts = tuple((f"{name}: {header[name]}",) for name in _FACTS if header.get(name))
     return (RawRecord(Origin(path), ("time", *names), ("s", *units), (time, *columns), facts, notes),)
 

@@ -6,6 +6,7 @@ import json
 import os
 import struct
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ from eightpost import __version__
 from eightpost.errors import FileFormatError
 from eightpost.files import atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
-from eightpost.signals.raw_record import RawRecord
+from eightpost.signals.raw_record import IN_MEMORY, Blocks, RawRecord
 from eightpost.signals.table_text import named_with_unit
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def _values(cells: list[Any], kind: DataType) -> NDArray[Any]:
     return np.array(cells, dtype=np.float64 if DataType.is_numeric(kind) else object)
 
 
-def _vector(column: arrow.ChunkedArray) -> NDArray[Any]:
+def _vector(column: arrow.Array | arrow.ChunkedArray) -> NDArray[Any]:
     """Return a column as integers, floats or objects; see Table."""
     kind = column.type
     if column.null_count or not len(column) or not (DataType.is_integer(kind) or DataType.is_floating(kind)):
@@ -170,7 +171,8 @@ def write_arrow(table: arrow.Table, path: str | Path, **options: Any) -> None:
         arro3.io.write_parquet(table, temporary, compression="zstd(1)", key_value_metadata=stated, **options)
 
 
-#: Maximum number of cells in a table (2 GiB of numbers). A damaged or malicious file may declare any number.
+#: Maximum number of cells in a table (2 GiB of numbers), or one for each byte of a larger file. A damaged or malicious
+#: file may declare any number.
 MOST_CELLS = 2**28
 
 #: Number of rows that are read before the number of cells is checked.
@@ -189,7 +191,9 @@ def read_table(path: str | Path, *, advice: str = "") -> Table:
     Raises:
         FileFormatError: The file cannot be read, is not a Parquet file, or has too many cells.
     """
-    content = _content(Path(path), advice)
+    path = Path(path)
+    with _opened(path, advice) as reader:
+        content = arrow.Table.from_batches(list(_batches(reader, path)), schema=reader.schema)
     columns = zip(content.column_names, content.columns, strict=True)
     return Table(content.schema, {name: _vector(column) for name, column in columns})
 
@@ -204,16 +208,14 @@ def read_metadata(path: str | Path) -> dict[bytes, bytes]:
         return dict(reader.schema.metadata)
 
 
-def _content(path: Path, advice: str = "") -> arrow.Table:
-    with _opened(path, advice) as reader:
-        batches, rows, width = [], 0, len(reader.schema)
-        for batch in reader:
-            batches.append(batch)
-            rows += batch.num_rows
-            if rows * width > MOST_CELLS:
-                what = f"it has over {MOST_CELLS} cells in {width} columns; export a shorter record or fewer channels"
-                raise FileFormatError(what, path=path)
-        return arrow.Table.from_batches(batches, schema=reader.schema)
+def _batches(reader: arrow.RecordBatchReader, path: Path) -> Iterator[arrow.RecordBatch]:
+    rows, width, most = 0, len(reader.schema), max(MOST_CELLS, path.stat().st_size)
+    for batch in reader:
+        yield batch
+        rows += batch.num_rows
+        if rows * width > most:
+            what = f"it has over {most} cells in {width} columns; export a shorter record or fewer channels"
+            raise FileFormatError(what, path=path)
 
 
 @contextmanager
@@ -369,14 +371,18 @@ def read_parquet(path: Path) -> tuple[RawRecord, ...]:
     Raises:
         FileFormatError: The file is not a Parquet file, or has a newer schema version.
     """
-    content = _content(path)
-    stated = _header(content.schema.metadata, path).get("units", {})
-    split = [
-        (name, "s") if DataType.is_duration(column.type) else named_with_unit(name, stated)
-        for name, column in zip(content.column_names, content.columns, strict=True)
-    ]
+    with tempfile.SpooledTemporaryFile(IN_MEMORY) as file, _opened(path, "") as reader:
+        stated = _header(reader.schema.metadata, path).get("units", {})
+        split = [
+            (field.name, "s") if DataType.is_duration(field.type) else named_with_unit(field.name, stated)
+            for field in reader.schema
+        ]
+        blocks = Blocks(len(split), file)
+        for batch in _batches(reader, path):
+            blocks.add(map(samples_of, batch.columns))
+        columns = blocks.columns()
     names, units = zip(*split, strict=True) if split else ((), ())
-    return (RawRecord(Origin(path), names, units, tuple(_signal(column) for column in content.columns)),)
+    return (RawRecord(Origin(path), names, units, columns),)
 
 
 def parquet_header(path: str | Path) -> dict[str, Any]:
@@ -392,9 +398,12 @@ def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
     return parse_header(metadata[_KEY], path) if _KEY in metadata else {}
 
 
-def _signal(column: arrow.ChunkedArray) -> NDArray[Any]:
+def samples_of(column: arrow.Array) -> NDArray[Any]:
+    """Return a column as numbers with NaN for missing ones, or as objects if it is not numeric."""
     if DataType.is_duration(column.type):
         return _vector(column.cast(DataType.duration("ns")).cast(DataType.int64())) * 1e-9
+    if DataType.is_floating(column.type) and not column.null_count:
+        return column.to_numpy()
     if DataType.is_numeric(column.type):
         return _vector(column).astype(np.float64)
     return np.array([str(cell) for cell in column.to_pylist()], dtype=object)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import logging
+import mmap
 import re
+import tempfile
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +18,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 from typing_extensions import TypedDict
 
+from eightpost.array_types import Stored
 from eightpost.errors import (
     FileFormatError,
     InputError,
@@ -27,7 +31,7 @@ from eightpost.errors import (
 from eightpost.files import read_text
 from eightpost.signals.faults import Origin, check_finite, check_time, runs
 from eightpost.signals.table_text import is_number, seconds_of, split_header, times_of
-from eightpost.signals.timeseries import TimeSeries
+from eightpost.signals.timeseries import StoredSeries, TimeSeries
 from eightpost.units import SI_UNITS, compatible, conversion, convert, is_unit, note_file, si_unit
 
 if TYPE_CHECKING:
@@ -99,13 +103,6 @@ class ChannelMap:
             raise FileFormatError("'channels.time' must be the table 'time'", path=path)
         return cls(entries.get("channels", {}), entries.get("time"), path, entries.get("bridge", 0))
 
-    @property
-    def columns(self) -> frozenset[str]:
-        """Names that columns of the channels have in a file: as in the map, without a unit, and without a number."""
-        sources = [pick.source for pick in (*self.channels.values(), *([self.time] if self.time else ()))]
-        plain = {name for source in sources for name in (source, split_header(source)[0])}
-        return frozenset(plain | {re.sub(r" \(\d+\)$", "", name) for name in plain})
-
     def flipped(self, names: Iterable[str]) -> ChannelMap:
         """Return the map with the opposite sign for the channels `names`; the name `none` stands for no channel.
 
@@ -144,6 +141,41 @@ class _Entries(TypedDict, total=False):
 # ==== The record =====================================================================================================
 
 _LOG = logging.getLogger(__name__)
+IN_MEMORY = 2**24  #: Largest file whose columns are kept in memory, and largest temporary file there [bytes].
+
+
+class Blocks:
+    """Columns that a reader adds block by block: numbers are kept in a temporary file."""
+
+    def __init__(self, count: int, file: tempfile.SpooledTemporaryFile[bytes]) -> None:
+        self._file = file
+        self._texts: list[list[NDArray[Any]]] = [[] for _ in range(count)]
+        self._places: list[list[tuple[np.dtype[Any], int, int]]] = [[] for _ in range(count)]
+
+    def add(self, block: Iterable[NDArray[Any]]) -> None:
+        """Add the next samples (K,) of each column."""
+        for texts, places, values in zip(self._texts, self._places, block, strict=True):
+            if values.dtype == object:
+                texts.append(values)
+            elif values.size:
+                places.append((values.dtype, values.size, self._file.tell()))
+                self._file.write(np.ascontiguousarray(values).data)
+
+    def columns(self) -> tuple[NDArray[Any] | Stored, ...]:
+        """Return the columns."""
+        size = self._file.tell()
+        self._file.seek(0)
+        is_large = size > IN_MEMORY
+        content = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ) if is_large else self._file.read()
+
+        def joined(places: Sequence[tuple[np.dtype[Any], int, int]]) -> Array:
+            parts = [np.frombuffer(content, *place) for place in places]
+            return np.concatenate([np.empty(0), *parts], dtype=np.float64)
+
+        return tuple(
+            np.concatenate(texts) if texts else Stored(sum(count for _, count, _ in places), partial(joined, places))
+            for texts, places in zip(self._texts, self._places, strict=True)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +185,7 @@ class RawRecord:
     origin: Origin  #: File and line number of each sample.
     names: tuple[str, ...]  #: C column names without units.
     units: tuple[str | None, ...]  #: C units as written in the file, None for columns without a unit.
-    columns: tuple[NDArray[Any], ...]  #: C vectors (N,) of numbers, or of texts if a cell is not a number.
+    columns: tuple[NDArray[Any] | Stored, ...]  #: C vectors (N,) of numbers, or of texts if a cell is not a number.
     preamble: tuple[tuple[str, ...], ...] = ()  #: Lines above the table, one tuple of cells per line.
     notes: tuple[str, ...] = ()  #: Sentences on what was left out while reading.
     steps: tuple[str, ...] = ()  #: Sentences on how cells were understood that could be understood otherwise.
@@ -161,7 +193,7 @@ class RawRecord:
     def __post_init__(self) -> None:
         """Number repeated names and convert columns of times of day to seconds."""
         times = {i: found for i, column in enumerate(self.columns)
-                 if column.dtype == object and (found := times_of(column)) is not None}  # fmt: skip
+                 if column.dtype == object and (found := times_of(np.asarray(column))) is not None}  # fmt: skip
         object.__setattr__(self, "columns", tuple(times.get(i, column) for i, column in enumerate(self.columns)))
         object.__setattr__(self, "units", tuple("s" if i in times else unit for i, unit in enumerate(self.units)))
         counts: Counter[str] = Counter()
@@ -196,7 +228,7 @@ class RawRecord:
             return self
         columns, steps = [], []
         for name, column in zip(self.names, self.columns, strict=True):
-            values = _with_nan(column)
+            values = _with_nan(np.asarray(column))
             gaps = [] if values is None else runs(np.isnan(values))
             inner = [(start, stop) for start, stop in gaps if start > 0 and stop < column.size]
             short = [np.arange(start, stop) for start, stop in inner if stop - start <= longest]
@@ -209,6 +241,14 @@ class RawRecord:
             steps.append(f"{missing.size} of {column.size} samples of {name!r} are NaN or empty, at most "
                          f"{max(map(len, short))} in a row; they were bridged by straight lines")  # fmt: skip
         return replace(self, columns=tuple(columns), steps=(*self.steps, *steps)) if steps else self
+
+    def column(self, place: int) -> NDArray[Any]:
+        """Return the values (N,) of a column."""
+        return np.asarray(self.columns[place])
+
+    def loaded(self) -> RawRecord:
+        """Return the record with all its columns in memory."""
+        return replace(self, columns=tuple(map(np.asarray, self.columns)))
 
     def with_column(self, place: int, values: NDArray[Any]) -> RawRecord:
         """Return the record with other values (N,) in a column."""
@@ -278,20 +318,20 @@ class RawRecord:
 
     def _check_times(self, index: int) -> None:
         """Raise a NotANumberError for a column of times that `times_of` refuses, at the cell that is no time if any."""
-        for row, cell in enumerate(map(str, self.columns[index])):
+        for row, cell in enumerate(map(str, self.column(index))):
             if not is_number(cell):
                 what = (
                     f"{cell!r} is neither a number nor a time; write seconds, hh:mm:ss.s or a date such as 2026-11-12 "
                     "or 12-Nov-2026 before the time"
                 )
                 raise self.origin.fault(NotANumberError, what, channel="time", sample=row)
-        if any(seconds_of(str(cell)) is not None for cell in self.columns[index][:1]):
+        if any(seconds_of(str(cell)) is not None for cell in self.column(index)[:1]):
             what = "the dates change at other times than midnight; write them as 2026-11-12, whose days are counted"
             raise self.origin.fault(NotANumberError, what, channel="time", sample=0)
 
     def numbers(self, index: int, *, channel: str) -> NDArray[np.float64]:
         """Return a column (N,) as numbers; a NotANumberError names the first cell that is not a number."""
-        column = self.columns[index]
+        column = self.column(index)
         if column.dtype != object:
             return column.astype(np.float64, copy=False)
         return np.array([self._number(cell, row, channel) for row, cell in enumerate(column)])
@@ -335,6 +375,7 @@ def mapped_series(
     *,
     units: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
+    keep: bool = True,
 ) -> TimeSeries:
     """Return the channels of a channel map as a time series in SI.
 
@@ -343,6 +384,7 @@ def mapped_series(
         channel_map: Columns to read, with units, gains and offsets.
         units: Units by channel (or column) name, for columns without a unit in the header.
         expected: SI units by channel name, for channels that must have a given dimension.
+        keep: Whether the series has the samples in memory; otherwise it reads a channel each time it is used.
 
     Raises:
         DataError: A column, a unit or a sample has a fault; the subclass and the message say which and where.
@@ -366,15 +408,25 @@ def mapped_series(
     for name, pick in picks.items():  # all units before the numbers
         unit = record.unit(columns[name], channel=name, given=units or {}, mapped=pick.unit)
         plans[name] = unit, _target_unit(record, name, unit, expected.get(name))
-    rows = np.empty((len(plans), record.columns[0].size))  # filled row by row, as a record may take gigabytes
-    for row, (name, (unit, target)) in zip(rows, plans.items(), strict=True):
+
+    def read(name: str) -> Array:
         raw, pick = record.numbers(columns[name], channel=name), picks[name]
         check_finite(raw, channel=name, origin=record.origin)
         scaled = raw if (pick.gain, pick.offset) == (1.0, 0.0) else pick.gain * raw + pick.offset
-        row[:] = convert(scaled, unit, target)
+        return convert(scaled, *plans[name])
+
+    rows = np.empty((len(plans) if keep else 1, record.columns[0].size))
+    for number, name in enumerate(plans):  # one by one, as a record may take gigabytes
+        if keep or not number:
+            rows[number] = read(name)
+        else:
+            read(name)  # a fault is found now
     rows.setflags(write=False)
     check_time(rows[0], origin=record.origin)
-    return TimeSeries(rows[0], rows[1:], tuple(plans)[1:], tuple(target for _, target in plans.values())[1:])
+    names, targets = tuple(plans)[1:], tuple(target for _, target in plans.values())[1:]
+    if keep:
+        return TimeSeries(rows[0], rows[1:], names, targets)
+    return StoredSeries(rows[0], {name: partial(read, name) for name in names}, targets)
 
 
 def _check_units(

@@ -16,7 +16,7 @@ from eightpost.signals.faults import check_finite, check_time
 from eightpost.units import SI_UNITS, conversion, si_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     import pandas as pd
     import xarray as xr
@@ -254,6 +254,46 @@ def _is_read_only(values: NDArray[Any]) -> bool:
             return False
         owner = owner.base
     return owner is None
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False, init=False)
+class StoredSeries(TimeSeries):
+    """A series whose channels are read each time they are used, and kept only if `values` asks for all of them."""
+
+    rows: Mapping[str, Callable[[], Array]]  #: Functions that return the checked samples (N,), by channel.
+
+    def __init__(self, time: Array, rows: Mapping[str, Callable[[], Array]], units: tuple[str, ...]) -> None:
+        for name, value in (("time", time), ("names", tuple(rows)), ("units", units), ("rows", rows)):
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Array:
+        """Return the samples (C, N) when `values`, which has no value at first, is asked for."""
+        if name != "values":
+            raise AttributeError(name)
+        object.__setattr__(self, name, self.at(slice(None)).values)
+        return self.values
+
+    def __getitem__(self, name: str) -> Array:
+        return _read_only(self.rows[self.names[self._index(name)]]()[:])
+
+    def select(self, names: Iterable[str]) -> TimeSeries:
+        """Return a series with the channels `names` in this order, which are not read."""
+        units = {name: self.unit(name) for name in names}
+        return StoredSeries(self.time, {name: self.rows[name] for name in units}, tuple(units.values()))
+
+    def at(self, chosen: slice | NDArray[np.bool_]) -> TimeSeries:
+        """Return the chosen samples, in memory."""
+        time = self.time[chosen]
+        values = np.empty((len(self.names), time.size))
+        for row, name in zip(values, self.names, strict=True):
+            row[:] = self[name][chosen]
+        return TimeSeries(time, _read_only(values), self.names, self.units)
+
+    def with_channel(self, name: str, unit: str, values: ArrayLike) -> TimeSeries:
+        """Return a series with the channel `name`, which is in memory, added or replaced."""
+        row = np.array(values, dtype=np.float64)
+        units = {**dict(zip(self.names, self.units, strict=True)), name: unit}
+        return StoredSeries(self.time, {**self.rows, name: lambda: row}, tuple(units.values()))
 
 
 class Recording(Summarized):

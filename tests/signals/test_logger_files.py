@@ -11,17 +11,7 @@ import pytest
 
 from eightpost.confined.readers import load_xrk
 from eightpost.errors import FileFormatError
-from eightpost.signals import (
-    ChannelMap,
-    MappedChannel,
-    TimeSeries,
-    formats,
-    logger_files,
-    read_record,
-    read_records,
-    read_series,
-    write_series,
-)
+from eightpost.signals import TimeSeries, logger_files, read_record, read_records, read_series, write_series
 from eightpost.signals.logger_files import write_rpc
 
 COUNT, RATE = 1000, 200.0
@@ -203,19 +193,6 @@ def test_a_log_that_is_damaged_is_refused_and_an_unknown_type_is_left_out(tmp_pa
             read_records(path)
     with pytest.raises(FileFormatError, match="no channel of numbers"):
         read_records(motec(path, kind=9))
-
-
-@pytest.mark.parametrize(("kind", "load"), [("rsp", "LF Wheel Load"), ("ld", "Load FL")])
-def test_of_a_large_file_only_the_channels_of_a_map_are_read(tmp_path, monkeypatch, kind, load):
-    monkeypatch.setattr(formats, "_KEPT", 0)
-    few = {name: CHANNELS[name] for name in ("Damper Pos FL", "Load FL")}
-    path = rpc(tmp_path / "x.rsp", SAMPLES=COUNT) if kind == "rsp" else motec(tmp_path / "x.ld", few)
-    unit = "kN" if kind == "rsp" else "N"
-    series = read_series(path, channel_map=ChannelMap({"force": MappedChannel(f"{load} [{unit}]")}))
-    np.testing.assert_allclose(series["force"], LOAD, atol=0.2)
-    np.testing.assert_allclose(series.time, TIME, atol=1e-12)
-    record = read_record(path, only={load})
-    assert [bool(np.isnan(column).all()) for column in record.columns] == [False, True, False]
 
 
 VBO = """File created on 12/11/2026 @ 10:00

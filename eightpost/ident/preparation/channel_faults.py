@@ -117,15 +117,18 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Faul
     places: dict[str, set[int]] = {name: set() for name in series.names}
     reach = max(1, round(SAME_TIME * series.sample_rate))
     for distance in DISTANCES:
-        scores = {name: _scores(series[name], distance, round(LOCAL * series.sample_rate)) for name in series.names}
+        sharp, moved = {}, {}  # places where a channel may have a spike, and where it is a witness
         for name in series.names:
-            share = SHARE_OF_ACCELERATION if name.endswith("acceleration") else SHARE
-            large = np.abs(_deviations(series[name], distance)) > share * float(series[name].std())
-            others = [scores[other] for other in series.names if other not in (name, *computed)]
-            for at in np.flatnonzero(large & (scores[name] > FACTOR)).tolist():
-                near = slice(max(0, at - reach), at + reach + 1)
-                if not any(other[near].max() > BUMP for other in others):
-                    places[name].add(at)
+            values, share = series[name], SHARE_OF_ACCELERATION if name.endswith("acceleration") else SHARE
+            scores = _scores(values, distance, round(LOCAL * series.sample_rate))
+            large = np.abs(_deviations(values, distance)) > share * float(values.std())
+            sharp[name], moved[name] = np.flatnonzero(large & (scores > FACTOR)), np.flatnonzero(scores > BUMP)
+        for name, own in sharp.items():
+            others = [moved[other] for other in series.names if other not in (name, *computed)]
+            seen = [
+                np.searchsorted(other, own - reach) < np.searchsorted(other, own + reach, "right") for other in others
+            ]
+            places[name].update(own[~np.any(seen, axis=0)].tolist() if seen else own.tolist())
     yield from (_spike(series, name, np.array(sorted(own))) for name, own in places.items() if own)
 
 
@@ -185,9 +188,10 @@ UNLOADED = 0.05  # share of a tire's mean force below which it is off the ground
 def clipped(series: TimeSeries) -> Iterator[Fault]:
     """Yield the channels of a broadband record of which several peaks end at one value."""
     for name in series.names:
-        scale, mean = float(series[name].std()), float(series[name].mean())
+        samples = series[name]
+        scale, mean = float(samples.std()), float(samples.mean())
         for side, sign in (("highest", 1.0), ("lowest", -1.0)):
-            values = sign * series[name]
+            values = sign * samples
             top = float(values.max())
             if scale == 0.0 or (name.endswith("tire_force") and abs(top) < UNLOADED * abs(mean)):
                 continue

@@ -161,8 +161,8 @@ def spectra_of(series: TimeSeries) -> Spectra | None:
         return np.asarray(np.fft.rfft(window * cut, axis=1)[:, used])
 
     rows = {}
-    for name, values in zip(series.names, series.values, strict=True):
-        cut = segments(values)
+    for name in series.names:
+        cut = segments(series[name])
         rows[name] = transformed(cut - cut.mean(axis=1, keepdims=True))
     velocities = [name for name in series.names if name.rpartition(".")[2] == "velocity"]
     own = {name.removesuffix("velocity"): series[name] for name in velocities}

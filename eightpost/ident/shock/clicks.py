@@ -74,7 +74,7 @@ def read_target(path: str | Path) -> TargetCurve:
             raise MissingUnitError(
                 f"has no unit; write it in the header, e.g. {wanted} [{unit}]", path=path, channel=wanted
             )
-        values = np.asarray(record.columns[places[0]], dtype=np.float64)
+        values = np.asarray(record.column(places[0]), dtype=np.float64)
         found[wanted] = np.asarray(units.convert(values, given, unit), dtype=np.float64)
     return _target(path, found["velocity"], found["force"])
 
