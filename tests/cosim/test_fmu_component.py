@@ -36,7 +36,7 @@ def test_a_missing_file_and_one_that_is_no_whole_zip_are_refused(tmp_path, fmus)
             FmuComponent(tmp_path / "bad.fmu", "x")
     with pytest.raises(FmuError, match="no such file"):
         FmuComponent(tmp_path / "none.fmu", "x")
-    with pytest.raises(FmuError, match="not a readable zip archive .embedded null"):
+    with pytest.raises(FmuError, match="embedded null byte"):
         FmuComponent(tmp_path / "a\0b.fmu", "x")
 
 

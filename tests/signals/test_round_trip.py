@@ -170,14 +170,12 @@ def test_a_column_outside_its_parquet_file_is_refused(tmp_path):
 def test_a_name_with_a_nul_in_a_parquet_file_is_refused(tmp_path: Path) -> None:
     """The library that reads it ends the process."""
     pa.parquet.write_table(pa.table({"time": [0.0, 1.0], "a\0b": [1.0, 2.0]}), tmp_path / "a.parquet")
-    with pytest.raises(
-        FileFormatError, match=r"a\.parquet: not a readable Parquet file: the description of its columns"
-    ):
+    with pytest.raises(FileFormatError, match=r"a\.parquet: not a readable Parquet file: the description"):
         read_parquet(tmp_path / "a.parquet")
 
 
 def test_a_name_that_the_system_refuses_is_an_error_that_names_the_file() -> None:
-    with pytest.raises(FileFormatError, match="xxx.csv: cannot be read: File name too long"):
+    with pytest.raises(FileFormatError, match=r"xxx\.csv: cannot be read: File name too long"):
         read_series(f"{'x' * 300}.csv")
 
 
