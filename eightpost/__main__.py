@@ -5,7 +5,7 @@ Exit codes: 0 done, 1 not acceptable or not completed, 2 wrong input.
 
 from __future__ import annotations
 
-from eightpost import name_clash  # noqa: F401 - first: it checks where all other modules would be imported from
+import eightpost.name_clash  # noqa: F401 - first: it checks where all other modules would be imported from
 
 # isort: split
 import logging

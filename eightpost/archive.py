@@ -98,7 +98,7 @@ def open_archive(path: str | Path) -> Iterator[zipfile.ZipFile]:
         advice = "copy or build it again"
         if not path.suffix.lower().startswith((".fmu", ".ssp", ".zip")):
             advice = "name an .fmu file, which eightpost build makes"
-        raise FmuError(f"{path}: is not a readable zip archive ({why}); {advice}") from error
+        raise FmuError(f"{path}: the file is not a readable zip archive ({why}); {advice}") from error
 
 
 def read_archive(path: str | Path) -> dict[str, bytes]:

@@ -3,6 +3,7 @@
 The command line imports this module before any other, so it uses only modules that Python itself has already loaded.
 """
 
+import _signal  # part of the interpreter, which `signal` only wraps
 import os
 import sys
 from collections.abc import Iterable
@@ -73,5 +74,12 @@ def _is_script() -> bool:
     return os.path.basename(sys.argv[0]).removesuffix(".exe") == "eightpost"  # noqa: PTH119
 
 
+def _end(_number: int, _frame: object) -> None:
+    """End at Ctrl-C without a traceback; from when a command runs, it ends in its own way."""
+    os._exit(1)
+
+
 if _is_module() or _is_script():
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:  # otherwise it is ignored
+        _signal.signal(_signal.SIGINT, _end)
     _refuse_clashes()

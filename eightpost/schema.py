@@ -39,6 +39,9 @@ _WITHOUT_VALUE = ("missing", "quantity")
 #: Faults that a message lists, and characters of a value.
 _LISTED, _SHOWN = 3, 60
 
+#: What to do with a vehicle that was given in place of another file.
+_VEHICLE = "eightpost inspect shows it, validate compares it with rig records, and build makes an FMU of it"
+
 #: An object of which only some entries are read, as are its parts that state nothing else; files of earlier versions
 #: have others.
 OPEN = ConfigDict(strict=True, extra="ignore", allow_inf_nan=False)
@@ -71,6 +74,7 @@ def document_of(kind: type[Kind], content: object, path: Path, name: str, newest
     """
     if not isinstance(content, dict) or (found := content.get("kind", name)) != name:
         other = f"a {found}" if isinstance(content, dict) else "a JSON"
+        advice = _VEHICLE if other == "a vehicle" else advice
         raise FileFormatError(f"is {other} file, not a {name} file; {advice}".replace("_", " "), path=path)
     check_schema(content, newest, path)
     return checked(kind, content, path=path, advice=advice)

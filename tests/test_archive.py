@@ -92,7 +92,7 @@ def test_a_wrong_size_is_reported_as_damage(tmp_path):
     at = content.index(b"PK\x01\x02") + 24
     for lie in (0, 10, 999):
         (tmp_path / "a.fmu").write_bytes(content[:at] + lie.to_bytes(4, "little") + content[at + 4 :])
-        with pytest.raises(FmuError, match=r"a\.fmu: is not a readable zip archive"):
+        with pytest.raises(FmuError, match=r"a\.fmu: the file is not a readable zip archive"):
             read_archive(tmp_path / "a.fmu")
 
 
@@ -101,7 +101,7 @@ def test_an_encrypted_entry_is_refused(tmp_path):
     content[6] |= 1
     content[content.index(b"PK\x01\x02") + 8] |= 1
     (tmp_path / "a.fmu").write_bytes(content)
-    with pytest.raises(FmuError, match=r"a\.fmu: is not a readable zip archive .*encrypted"):
+    with pytest.raises(FmuError, match=r"a\.fmu: the file is not a readable zip archive .*encrypted"):
         read_archive(tmp_path / "a.fmu")
 
 

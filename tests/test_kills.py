@@ -40,7 +40,16 @@ COMMANDS = {
     "check": f"check --json {FMUS}/dyno_A.fmu {FMUS}/car.fmu",
     "drivefile": f"drivefile next out --record {RECORD}",
     "demo": "demo -o out",
+    "build": f"build {FMUS}/dyno_A.json {EXAMPLES}/car.toml -o out",
+    "virtual": "virtual rig --program identification --set duration=20s -o out",
+    "simulate": "drivefile simulate out",
+    "validate": f"validate {FMUS}/dyno_A.json {EXAMPLES}/data/dyno_A.csv -o out/dyno_A.html",
+    "report": f"report {EXAMPLES}/data/dyno_A.csv {EXAMPLES}/data/dyno_B.csv {FMUS}/dyno_C.json -o out/report.html",
+    "optimise": "study optimise ../inputs/study.toml -o out --workers 2",
+    "shapes": f"study shapes {EXAMPLES}/identified/study.toml -o out --workers 2 --at lr --vary rebound.low",
 }
+#: Text of the seed of the moments; another one is another set of kills.
+SEED = os.environ.get("EIGHTPOST_KILLS", "")
 #: How a command is ended: the signal, and whether its whole group receives it.
 ENDS = {
     "KILL": (signal.SIGKILL, False),
@@ -161,7 +170,7 @@ def place_of(inputs: Path, name: str, command: str) -> Place:
     """Return a new folder beside the inputs, with the iteration if the command is that of a drive file."""
     place = Place(inputs.parent / name)
     place.path.mkdir()
-    if command == "drivefile":
+    if command in ("drivefile", "simulate"):
         shutil.copytree(inputs / "start", place.path / "out")
     return place
 
@@ -195,7 +204,7 @@ def test_a_killed_command_leaves_nothing_and_the_next_one_has_the_same_result(
 ) -> None:
     number, to_group = ENDS[end]
     place = place_of(inputs, f"{command}_{end.replace(' ', '_')}", command)
-    moment = random.Random(f"{command} {end}").uniform(0.0, 0.95 * whole.seconds)
+    moment = random.Random(f"{command} {end}{SEED}").uniform(0.0, 0.95 * whole.seconds)
     code = 0
     while code == 0:
         killed = place.start(COMMANDS[command])

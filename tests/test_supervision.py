@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 from eightpost.workers import supervision
+from eightpost.workers.process import ROOT
 from eightpost.workers.supervision import SIZE, Record
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the commands below are those of POSIX")
@@ -190,6 +191,38 @@ class Slow: __del__ = lambda self: (print("ready", flush=True), time.sleep(60.0)
 try: Slow(); time.sleep(60.0)
 except KeyboardInterrupt: sys.exit(7)
 """
+
+
+#: A module at whose import the program receives Ctrl-C, and whether an extension turns that into an ImportError.
+INTERRUPTED = """
+import os, signal, sys
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == "{module}":
+            try:
+                os.kill(os.getpid(), signal.SIGINT)  # received later where it is blocked
+            except KeyboardInterrupt:
+                raise {error}
+sys.meta_path.insert(0, Finder)
+"""
+
+
+@pytest.mark.parametrize(("module", "error"), [
+    ("click", "KeyboardInterrupt"), ("eightpost.marks", "KeyboardInterrupt"), ("numpy", "KeyboardInterrupt"),
+    ("numpy", "ImportError"),
+])  # fmt: skip
+def test_ctrl_c_while_a_command_starts_ends_it_with_1_and_without_a_traceback(
+    module: str, error: str, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(INTERRUPTED.format(module=module, error=error), encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))}
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
+    try:
+        ran = subprocess.run([sys.executable, "-m", "eightpost", "inspect", "x.csv"], cwd=ROOT, env=environment,
+                             capture_output=True, text=True, check=False)  # fmt: skip
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (ran.returncode, ran.stdout, ran.stderr.replace("Aborted!", "").strip()) == (1, "", "")
 
 
 def test_an_interrupt_in_a_finalizer_ends_the_command() -> None:

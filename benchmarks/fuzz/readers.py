@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from benchmarks.fuzz import damage
 from benchmarks.fuzz.damage import BINARY, TEXT, Change
 from eightpost.__main__ import main
-from eightpost.errors import InputError
+from eightpost.errors import InputError, StepError
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,19 @@ def _fmu(path: Path) -> Any:
         found = fmu.variables, fmu.capabilities, fmu.sources, fmu.names_in_log, fmu.rows.references, fmu.log_categories
         known = fmu.validity
         return found, known and (known.verdict.headline, [str(one) for one in known.ranges], known.uncertainty)
+
+
+def _steps(path: Path) -> Any:
+    """Run an FMU in a process of its own, as it reads and executes what it carries."""
+    component = resolve_name("cosim.components.isolated:IsolatedComponent")(path, "shock")
+    try:
+        component.begin(0.0, 1.0, {})
+        component.end_initialization()
+        component.step(0.0, 0.01)
+    except StepError as error:
+        raise InputError(f"{path}: {error}") from error
+    finally:
+        component.finish()
 
 
 def _check(path: Path) -> Any:
@@ -221,6 +234,7 @@ def readers() -> tuple[Reader, ...]:
         Reader("FMU", "fmus/shock.fmu", _fmu, _FMU, 2.0),
         Reader("FMU, bomb", "plain.fmu", _fmu, (damage.bomb,), 0.02),
         Reader("FMU, own document", "fmus/shock.fmu", _fmu, _in_member(_JSON, "resources/eightpost.json")),
+        Reader("FMU, resources", "fmus/shock.fmu", _steps, _in_member((*_JSON, *TEXT * 4), ".py", ".json"), 0.1),
         Reader("FMU, checked", "fmus/shock.fmu", _check, _FMU),
         Reader("FMU of FMI 3.0, checked", "arrays.fmu", _check, _FMU_3),
         Reader("FMU, checked, bomb", "plain.fmu", _check, (damage.bomb,), 0.02),

@@ -268,7 +268,7 @@ def _identity(path: Path) -> tuple[str, int, int] | None:
     """Return the identity of a file; None if it cannot be read, which unpacking reports in more detail."""
     try:
         status = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # a ValueError if the name has a NUL
         return None
     return str(path.resolve()), status.st_mtime_ns, status.st_size
 

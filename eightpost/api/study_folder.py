@@ -527,11 +527,14 @@ class StudyFolder:
         from eightpost.rig.columns import flips_of
         from eightpost.rig.rig_test import read_rig_test
 
+        noted = set[tuple[str, ...]]()
+
         def read(file: Path) -> TimeSeries:
             test = read_rig_test(file, channel_map=channel_map, units=units, flip=flips_of(file, flip), needs=())
-            if test.unchecked:
+            if test.unchecked and test.unchecked not in noted:
+                noted.add(test.unchecked)
                 what = f"sign and corner of {some(test.unchecked)} were not checked"
-                self.listener.note(f"{file.name}: {what}, because the record lacks the channels that show them")
+                self.listener.note(f"{file.name}: {what}, because records like it lack the channels that show them")
             return test.series
 
         return read

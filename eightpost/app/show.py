@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 #: notes; all of them are shown with -v.
 _WIDTH, _LINES, _ADVICE, _ROWS, _NOTES = 80, 2, 4, 4, 2
 
+_MORE = " ..."  #: End of a text that is not shown to its end.
+
 _COLORS: Mapping[Grade, str] = {
     Grade.USABLE: "green",
     Grade.LIMITED: "yellow",
@@ -103,7 +105,7 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
     first = verdict.decisive[0].statement if verdict.reasons else "nothing was examined"
     urgent = [reason for reason in verdict.reasons if reason.grade is not Grade.USABLE]
     show_text(console, f"{verdict.headline}: {first}.", style=f"bold {color}", lines=1)
-    more = f"1 of {len(urgent)} reasons (-v): " if len(urgent) > 1 else ""
+    more = f"reason 1 of {len(urgent)} (-v shows all): " if len(urgent) > 1 else ""
     for reason in urgent[:1]:
         show_text(console, f"{more}{reason.figure}", begin="  ", lines=1)
         if not reason.remedy.startswith("nothing"):
@@ -116,11 +118,19 @@ def show_text(
     """Print the first lines of a text, or all of it with -v; nothing of an empty one."""
     if not text:
         return
-    wrapped = textwrap.wrap(
-        text, min(console.width, _WIDTH), initial_indent=begin, subsequent_indent=hanging, break_long_words=False,
-        break_on_hyphens=False, max_lines=None if is_detailed() else lines, placeholder=" ...",
-    )  # fmt: skip
-    console.print("\n".join(wrapped), style=style or None, markup=False, highlight=False, soft_wrap=True, emoji=False)
+    width, shown = min(console.width, _WIDTH), list[str]()
+    for line in textwrap.wrap(text, width, initial_indent=begin, subsequent_indent=hanging, break_long_words=False,
+                              break_on_hyphens=False):  # fmt: skip
+        if shown and len(line) > width:  # a path: it stays with the word before it
+            shown[-1] += f" {line.strip()}"
+        else:
+            shown.append(line)
+    if len(shown) > lines and not is_detailed():
+        last = shown[lines - 1]
+        while width - len(_MORE) < len(last) <= width and " " in last.strip():
+            last = last.rpartition(" ")[0]
+        shown[lines - 1 :] = [last + _MORE]
+    console.print("\n".join(shown), style=style or None, markup=False, highlight=False, soft_wrap=True, emoji=False)
 
 
 def _line(reason: Reason) -> str:

@@ -116,7 +116,7 @@ def check_gaps(time: Array, *, origin: Origin = IN_MEMORY) -> None:
         raise origin.fault(
             TimeGapError,
             f"there is a gap of {steps[sample]:.6g} s between {time[sample]:.9g} s and {time[sample + 1]:.9g} s, "
-            f"while the median step is {median:.6g} s ({bad.size} such gaps); "
+            f"while the median step is {median:.6g} s (number of gaps: {bad.size}); "
             "use a part without gaps, or fill the gaps",
             channel="time",
             sample=sample + 1,

@@ -267,7 +267,9 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if path.is_dir():
+    with reading(path):  # a name that is too long is an error of the system
+        is_folder = path.is_dir()
+    if is_folder:
         raise FileFormatError("is a folder, not a file; name the files in it", path=path)
     if suffix not in (*_READERS, *_CLOSED):
         what = f"files with the suffix {path.suffix!r} cannot be read as records; supported: {', '.join(SUFFIXES)}"

@@ -271,8 +271,9 @@ def _silent() -> Iterator[None]:
 #: A value of Thrift: a number, a text, a list, or the fields of a struct by number.
 _Value = int | float | bytes | list["_Value"] | dict[int, "_Value"]
 
-#: Fields of FileMetaData, RowGroup and ColumnChunk that lead to the columns; size and places in ColumnMetaData.
-_ROW_GROUPS, _COLUMNS, _META_DATA = 4, 1, 3
+#: Fields of FileMetaData, RowGroup and ColumnChunk that lead to the columns; the name in SchemaElement; size and places
+#: in ColumnMetaData.
+_SCHEMA, _ROW_GROUPS, _COLUMNS, _META_DATA, _NAME = 2, 4, 1, 3, 4
 _SIZE, _DATA, _INDEX, _DICTIONARY = 7, 9, 10, 11
 
 #: Deepest nesting of a footer; a damaged one may have any.
@@ -340,7 +341,11 @@ def _check_footer(file: BinaryIO, size: int) -> None:
     length = int.from_bytes(file.read(4), "little")
     try:
         file.seek(size - 8 - length)
-        for group in _listed(_Thrift(file.read(length)).fields(), _ROW_GROUPS):
+        footer = _Thrift(file.read(length)).fields()
+        names = [one.get(_NAME) for one in _listed(footer, _SCHEMA) if isinstance(one, dict)]
+        if any(isinstance(name, bytes) and b"\0" in name for name in names):
+            raise ValueError("the name of a column has a NUL")
+        for group in _listed(footer, _ROW_GROUPS):
             for column in _listed(group, _COLUMNS):
                 stated = column.get(_META_DATA, {}) if isinstance(column, dict) else {}
                 if isinstance(stated, dict) and not _is_inside(stated, size):

@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, NoReturn
 
 # ---- Time limit of a call -------------------------------------------------------------------------------------------
@@ -206,8 +207,7 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
             os.close(hold)
             os.set_blocking(tell, False)
             signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # tells the parent which signals came here, too
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            _work(work, record, life)
+            _work(work, record, life, partial(signal.pthread_sigmask, signal.SIG_SETMASK, before))
         os.close(tell)
         os.close(life)
         command = _Command(child, told, record)
@@ -216,7 +216,7 @@ def supervised(work: Callable[[], object], complain: Callable[[str], None]) -> i
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         status = command.wait()
         _remove(record.folder)
-        if -status in passed:  # somebody ended the command: end in the same way
+        if -status in passed and record.code is None:  # somebody ended the command: end in the same way
             signal.signal(-status, signal.SIG_DFL)
             os.kill(parent, -status)
         return _code(record, status, command.watch, complain)
@@ -248,10 +248,13 @@ def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str],
             child.kill()
 
 
-def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> NoReturn:
+def _work(
+    work: Callable[[], object], mine: Record, life: int | None = None, unblock: Callable[[], object] = lambda: None
+) -> NoReturn:
     """Run a command in the child, and record its exit code when it is complete.
 
-    This process ends with its parent, which has the other end of the pipe `life`.
+    This process ends with its parent, which has the other end of the pipe `life`. Signals that came before are
+    received when the function `unblock` is called.
     """
     import tempfile  # noqa: PLC0415 -- none of this is needed in the parent
     import threading  # noqa: PLC0415
@@ -270,9 +273,21 @@ def _work(work: Callable[[], object], mine: Record, life: int | None = None) -> 
     gc.set_threshold(_ALLOCATIONS)
     sys.unraisablehook = _interrupt_again
     mine.owner, code = os.getpid(), 1
+    interrupts = list[int]()
+
+    def interrupt(number: int, frame: Any) -> None:
+        interrupts.append(number)
+        signal.default_int_handler(number, frame)
+
+    if callable(signal.getsignal(signal.SIGINT)):  # otherwise it is ignored
+        signal.signal(signal.SIGINT, interrupt)
     try:
+        unblock()
         work()
         code = 0
+    except (KeyboardInterrupt, ImportError):  # outside the command, or in an import that turned it into its own error
+        if not interrupts:
+            raise
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
         raise

@@ -56,6 +56,8 @@ def test_what_verbs_say_is_the_same(detailed: bool, unchanged: Callable[..., Non
     calls |= {f"{k} notes": partial(show.show_notes, notes=[LONG] * k) for k in (2, 3)}
     calls |= {"warnings": lambda console: show.show_notes(console, iter(["[not markup] :smile:"]), "warning")}
     calls |= {f"a text of {k}": partial(show.show_text, text=LONG, lines=k) for k in (1, 2)}
+    path = f"page {'/long_folder' * 12}/page.html {LONG}"
+    calls |= {f"a path in {k}": partial(show.show_text, text=path, lines=k) for k in (1, 2)}
     calls |= {f"{k} rows": partial(show.show_table, table=console_table("ab", [("1", "x")] * k)) for k in (4, 5)}
     findings = [Finding("group", f"name {k}", state, "it is so", "do that" * (k % 2)) for k, state in enumerate(State)]
     calls |= {f"works: {works}": partial(doctor._show, found=findings, works=works) for works in (True, False)}

@@ -20,6 +20,7 @@ WRONG = {
     "fit shocks/dyno_a.csv": "there is no such file; did you mean dyno_A.csv?",
     "fit shoks/dyno_A.csv": "there is no folder shoks; the current folder is",
     "fit shocks": "shocks: is a folder, not a file; name the files in it",
+    "report car.json": "is a vehicle file, not a shock file; eightpost inspect shows it, validate compares it with rig",
     "fit B_B.json": "is a shock file, not a record; give the record",
     "fit shocks/dyno_A.csv --law lpnl3": "one of polylinear, lpf1, lpnl2, hysteresis; did you mean lpnl2?",
     "fit shocks/dyno_A.csv --law hysterisis": "did you mean hysteresis?",

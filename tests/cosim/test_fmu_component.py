@@ -36,6 +36,8 @@ def test_a_missing_file_and_one_that_is_no_whole_zip_are_refused(tmp_path, fmus)
             FmuComponent(tmp_path / "bad.fmu", "x")
     with pytest.raises(FmuError, match="no such file"):
         FmuComponent(tmp_path / "none.fmu", "x")
+    with pytest.raises(FmuError, match="embedded null byte"):
+        FmuComponent(tmp_path / "a\0b.fmu", "x")
 
 
 def test_an_fmu_without_a_binary_for_this_platform_is_refused_and_its_platforms_are_listed(tmp_path, fmus):

@@ -167,6 +167,18 @@ def test_a_column_outside_its_parquet_file_is_refused(tmp_path):
     assert str(caught.value.__cause__.__cause__) == "a column is outside the file"
 
 
+def test_a_name_with_a_nul_in_a_parquet_file_is_refused(tmp_path: Path) -> None:
+    """The library that reads it ends the process."""
+    pa.parquet.write_table(pa.table({"time": [0.0, 1.0], "a\0b": [1.0, 2.0]}), tmp_path / "a.parquet")
+    with pytest.raises(FileFormatError, match=r"a\.parquet: not a readable Parquet file: the description"):
+        read_parquet(tmp_path / "a.parquet")
+
+
+def test_a_name_that_the_system_refuses_is_an_error_that_names_the_file() -> None:
+    with pytest.raises(FileFormatError, match=r"xxx\.csv: cannot be read: File name too long"):
+        read_series(f"{'x' * 300}.csv")
+
+
 def test_a_series_is_written_and_read_without_pandas(tmp_path):
     program = (
         "import sys, numpy as np; from eightpost.signals import TimeSeries, read_series, write_series; "

@@ -116,6 +116,13 @@ def _error_model(evaluator: Evaluator, setups: list[Setup], coupling: Coupling) 
     return fit_error_model(pilots) if pilots else None
 
 
+def calibrated(evaluator: Evaluator, coupling: Coupling) -> Coupling:
+    """Return a coupling that was chosen for the machine with an estimate of the errors of runs through the FMUs."""
+    if coupling.machine is None or coupling.errors is not None:
+        return coupling
+    return replace(coupling, errors=_error_model(evaluator, _random_setups(evaluator.study, _PILOTS), coupling))
+
+
 def _pilot(evaluator: Evaluator, setup: Setup, drive: Drive, coupling: Coupling) -> Pilot:
     names = evaluator.decisive(setup)
     run = evaluator.run(setup, drive, coupling, extra=names)

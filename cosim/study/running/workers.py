@@ -19,7 +19,7 @@ from typing import Protocol
 import cosim
 import eightpost
 from cosim.study.definition import Study
-from cosim.study.running.coupling import coupling_for
+from cosim.study.running.coupling import calibrated, coupling_for
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
 from cosim.study.table import FAILED
 from eightpost import __version__
@@ -96,7 +96,17 @@ def rows(study: str, coupling: Coupling, indices: Sequence[int]) -> list[Row]:
     """Run setups by number."""
     with working():
         evaluator = _evaluator_for(study)
+        if evaluator.batches(coupling) is None:
+            coupling = _calibrated(evaluator, coupling)
         return evaluator.rows([evaluator.study.space.setup(index) for index in indices], coupling)
+
+
+def _calibrated(evaluator: Evaluator, coupling: Coupling) -> Coupling:
+    """Return the coupling with the errors of runs through the FMUs, which are estimated once in each thread."""
+    if getattr(_own, "given", None) != (evaluator.study, coupling):
+        _own.given, _own.calibrated = (evaluator.study, coupling), calibrated(evaluator, coupling)
+    found: Coupling = _own.calibrated
+    return found
 
 
 def batch_refusal(study: str, coupling: Coupling) -> str:

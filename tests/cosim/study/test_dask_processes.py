@@ -253,4 +253,5 @@ def test_another_processor_differs_in_the_last_digits_and_a_worker_without_compi
         found, output = run_mixed(made, tmp_path, study, preload)
     assert ("runs its setups through the FMUs, whose measures differ within the" in output) is reported, output
     assert ("no C compiler was found" in output) is reported
+    assert 0.0 < found.column("coupling_error_percent").max() < 1.0  # known for every setup, also through the FMUs
     assert found.values("total tire force") == pytest.approx(alone.values("total tire force"), rel=apart)
