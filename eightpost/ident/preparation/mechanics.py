@@ -305,10 +305,17 @@ def _sides(found: Mapping[str, Comparison], tolerance: float) -> Iterator[Compar
             yield found[left].minus([found[right]], tolerance)
 
 
-def _siblings(found: Sequence[Comparison], tolerance: float) -> Iterator[Comparison]:
-    """Yield the comparisons of each of four corners with the others; the axles may differ, so first across the axle."""
+def _siblings(
+    found: Sequence[Comparison], tolerance: float, sizes: Sequence[float] = (1.0,) * 4
+) -> Iterator[Comparison]:
+    """Yield the comparisons of each of four corners with the others; the axles may differ, so first across the axle.
+
+    The tolerance is that of a corner with the median of the forces `sizes`; what friction adds to a law is a force, and
+    so matters more where they are smaller.
+    """
     for k, one in enumerate(found if len(found) == 4 else ()):
-        yield one.minus([found[k ^ 1], *(found[j] for j in range(4) if j not in (k, k ^ 1))], tolerance)
+        others = [found[k ^ 1], *(found[j] for j in range(4) if j not in (k, k ^ 1))]
+        yield one.minus(others, tolerance * max(1.0, float(np.median(sizes)) / sizes[k]))
 
 
 # ---- One corner -----------------------------------------------------------------------------------------------------
@@ -411,9 +418,9 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
     """Yield the comparisons of each shock's force with the tire force, and of motion ratios from forces and motions.
 
     Friction elsewhere than along the shock adds up to 0.11 of a motion ratio; friction that sticks looks like a lead
-    of a shock force of up to 1 ms.
+    of a shock force of up to 1 ms, of 2 ms if the shock is half as stiff as the others.
     """
-    works, delays = {}, []
+    works, delays, sizes = {}, [], []
     for corner in corners:
         if (balance := _hub_fit(spectra, corner)) is None:
             continue
@@ -426,8 +433,9 @@ def _hubs(spectra: Spectra, corners: Sequence[str]) -> Iterator[Comparison]:
                 deviation=float(np.hypot(of_forces.deviation, of_motions.deviation)),
             )
         effect = {force: 1.0, tire: -1.0}
+        sizes.append(max(abs(balance.values[0]), SMALLEST) * spectra.size(force))
         delays.append(_delay(HUB, balance, effect, 3.5e-3, lambda c: c[:, 1] / c[:, 0], over=(0,), expected=-0.5e-3))
-    yield from (*works.values(), *delays, *_siblings(list(works.values()), 0.08), *_siblings(delays, 1.2e-3))
+    yield from (*works.values(), *delays, *_siblings(list(works.values()), 0.08), *_siblings(delays, 1.2e-3, sizes))
 
 
 # ---- The whole car --------------------------------------------------------------------------------------------------

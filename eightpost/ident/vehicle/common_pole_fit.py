@@ -16,6 +16,7 @@ from eightpost.ident.vehicle.pole_search import (
     FASTEST,
     Blocks,
     Feedthrough,
+    Lag,
     Points,
     Refinement,
     RefinementResult,
@@ -27,7 +28,7 @@ from eightpost.ident.vehicle.pole_search import (
     subspace_of,
 )
 from eightpost.ident.vehicle.trust import OrderCandidate, Orders, PolePair
-from eightpost.progress import parts, portion
+from eightpost.progress import parts
 from eightpost.vehicle.statespace import Channel, StateSpace
 
 Channels = tuple[Channel, ...]
@@ -53,9 +54,20 @@ def direct_terms(outputs: Sequence[str], inputs: Sequence[str]) -> NDArray[np.bo
     ])  # fmt: skip
 
 
-def roads(inputs: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which inputs are roads (m,)."""
-    return np.array([_ends(name, "road") for name in inputs])
+def lags_of(kind: str, outputs: Sequence[str], inputs: Sequence[str], high: float) -> tuple[Lag, ...]:
+    """Return the lags of the inputs of a kind, "road" or "force", above a band up to `high` [Hz].
+
+    Those of a road act on all outputs, those of a shock force on all but the velocities of other ports. A force has a
+    fast and a slow one: their difference is its derivative in the band, like the yield of rubber in series.
+    """
+    moving = np.array([_ends(name, "velocity") for name in outputs])
+    lags = []
+    for place, name in enumerate(inputs):
+        if _ends(name, kind):
+            own = np.array([output == f"{name.removesuffix('force')}velocity" for output in outputs])
+            acts = ~moving | own if kind == "force" else np.ones_like(moving)
+            lags += [Lag(place, 2.0 * np.pi * high * ratio, acts) for ratio in _LAGS[kind]]
+    return tuple(lags)
 
 
 def integrals(outputs: Sequence[str]) -> dict[str, str]:
@@ -187,18 +199,22 @@ class OrderStudy:
 
     @property
     def suggested(self) -> int:
-        """The highest order with a clear gap; without one, the order with the minimum description length.
+        """The highest order with a clear gap; without one, the sufficient order."""
+        return self.orders[int(np.flatnonzero(self.gaps >= CLEAR_GAP)[-1])] if self.clear else self.sufficient
+
+    @property
+    def sufficient(self) -> int:
+        """The smallest order with a misfit like that of the order with the minimum description length.
 
             N log(cost / N) + parameters log N
 
         Source: J. Rissanen, "Modeling by shortest data description", Automatica 14 (1978) 465-471, doi
         10.1016/0005-1098(78)90005-5.
         """
-        if self.clear:
-            return self.orders[int(np.flatnonzero(self.gaps >= CLEAR_GAP)[-1])]
         N = float(self.samples)
         length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
-        return self.orders[int(np.argmin(length))]
+        best = self.costs[int(np.argmin(length))]
+        return self.orders[int(np.flatnonzero(self.costs <= _ALIKE**2 * best)[0])]
 
     @property
     def candidates(self) -> tuple[OrderCandidate, ...]:
@@ -244,23 +260,18 @@ def _start(points: Points, subspace: Subspace, order: int, through: Feedthrough)
     return evaluate(points, solve_inputs(points, blocks, C, through), through), mirrored
 
 
-def _description_length(solution: Solution, points: Points) -> float:
-    """Return the description length of a model as defined in `OrderStudy.suggested`."""
-    N = 2.0 * float(points.known.sum())
-    p, m = solution.through.direct.shape
-    parameters = solution.blocks.states * (p + m) + solution.through.count
-    return float(N * np.log(max(solution.cost, 1e-300) / N) + parameters * np.log(N))
-
-
 # ---- Fit of one minimal linear model to a response; all paths share the same poles, as section 6.6 asks -------------
 
 #: A misfit below this many standard deviations is attributed to noise [1].
 _EXPLAINED = 1.1
 
-#: Ratio of the rate of the road lags to the upper end of the band [1].
-_FAST = 20.0
+#: Ratios of the rates of an input's lags to the upper end of the band [1].
+_LAGS = {"road": (20.0,), "force": (20.0, 2.5)}
 
-#: Number of frequencies at which models of increasing order are compared, and models with and without road lags.
+#: Largest ratio of the misfits of a smaller and a larger model between which the smaller one is chosen [1].
+_ALIKE = 1.05
+
+#: Number of frequencies at which models of increasing order are compared, and models with and without lags.
 _STUDIED = 100
 
 
@@ -272,7 +283,7 @@ class CommonPoleFit:
         ParameterError: The order is odd or below 2, or another value is outside its range.
     """
 
-    order: int | None = None  #: Number of states, even, without the road lags; None uses the suggested order.
+    order: int | None = None  #: Number of states, even, without the lags; None uses the suggested order.
     low: float = 0.1  #: Lowest frequency of the fit [Hz].
     #: Highest frequency of the fit [Hz]. Above it the rig's drive fades and noise of the measured forces biases the
     #: estimate.
@@ -280,7 +291,8 @@ class CommonPoleFit:
     #: Lower limit of the standard deviation of a response value, relative to the size of its output [1].
     floor: float = 2e-3
     max_states: int = 28  #: Highest order that may be suggested.
-    lags: bool = True  #: Whether roads may act through fast lags, which represent tire damping.
+    #: Whether roads may act through lags, which represent tire damping, and shock forces, which represent rubber.
+    lags: bool = True
     refinement: Refinement = field(default_factory=Refinement)  #: Settings of the likelihood maximisation.
 
     def __post_init__(self) -> None:
@@ -298,15 +310,20 @@ class CommonPoleFit:
         """
         joined = _without_integrals(response.band(self.low, self.high))
         points = points_of(joined, floor=self.floor)
-        direct = direct_terms(joined.output_names, joined.input_names)
-        plain = Feedthrough.of(direct, _FAST * 2.0 * np.pi * self.high)
+        fewer = points.thinned(_STUDIED)
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
-        with portion(0.0, 0.3):
-            orders = tuple(range(2, self.max_states + 1, 2))
-            study = _study_orders(points.thinned(_STUDIED), subspace, plain, orders)
-        start, mirrored = _start(points, subspace, self.order or study.suggested, plain)
-        with portion(0.3, 1.0):
-            refined = self._refined(points, start.blocks, plain, roads(joined.input_names))
+        tried: list[tuple[_Start, RefinementResult]] = []
+        for through in parts(self._forms(joined.output_names, joined.input_names)):
+            study = _study_orders(fewer, subspace, through, tuple(range(2, self.max_states + 1, 2)))
+            order = self.order or (study.sufficient if tried else study.suggested)
+            start, mirrored = _start(points, subspace, order, through)
+            model = self._without_fast_blocks(fewer, start.blocks, through)
+            if not tried or _ALIKE**2 * model.solution.cost < tried[-1][1].solution.cost:
+                tried.append((_Start(study, mirrored, start.cost, start.blocks.states), model))
+            if np.sqrt(model.solution.cost / fewer.known.sum()) < _EXPLAINED:
+                break
+        first, chosen = tried[-1]
+        refined = self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)
         misfit, whole = np.abs(refined.solution.misfit) ** 2, np.abs(points.weight * points.H) ** 2
         known = np.maximum(points.known.sum(axis=(1, 2)), 1)
         residual = np.sqrt(misfit.sum(axis=(1, 2)) / np.maximum(whole.sum(axis=(1, 2)), 1e-300))
@@ -322,27 +339,17 @@ class CommonPoleFit:
             points,
             joined.inputs,
             joined.outputs,
-            _Start(study, mirrored, start.cost, start.blocks.states),
+            first,
             (float(joined.frequency[1]), float(joined.frequency[-1])),
         )
 
-    def _refined(
-        self, points: Points, blocks: Blocks, plain: Feedthrough, lagged: NDArray[np.bool_]
-    ) -> RefinementResult:
-        """Return the model without lags if it explains the response, else the better of those without and with lags.
-
-        They are compared at a part of the frequencies, and the better one is refined at all of them.
-        """
-        fewer = points.thinned(_STUDIED)
-        with portion(0.0, 0.3):
-            chosen = self._without_fast_blocks(fewer, blocks, plain)
-        excess = np.sqrt(chosen.solution.cost / fewer.known.sum())
-        if self.lags and excess >= _EXPLAINED and lagged.any():
-            with portion(0.3, 0.6):
-                other = self._without_fast_blocks(fewer, chosen.solution.blocks, plain.with_lags(lagged))
-            chosen = min(chosen, other, key=lambda tried: _description_length(tried.solution, fewer))
-        with portion(0.6, 1.0):
-            return self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)
+    def _forms(self, outputs: Sequence[str], inputs: Sequence[str]) -> list[Feedthrough]:
+        """Return the forms of the model that are tried, simple ones first, until one explains the response."""
+        forms, lags = [Feedthrough(direct_terms(outputs, inputs))], tuple[Lag, ...]()
+        for kind in _LAGS if self.lags else ():
+            lags += lags_of(kind, outputs, inputs, self.high)
+            forms.append(replace(forms[0], lags=lags))
+        return forms
 
     def _without_fast_blocks(self, points: Points, blocks: Blocks, through: Feedthrough) -> RefinementResult:
         """Return the refined model; blocks faster than `FASTEST` are removed before and after, until none is found."""
@@ -382,7 +389,7 @@ class CommonPoleModel:
 
     @property
     def order(self) -> int:
-        """The number of states without the road lags."""
+        """The number of states without the lags."""
         return self.refined.solution.blocks.states
 
     @property
@@ -395,12 +402,17 @@ class CommonPoleModel:
     def notes(self) -> tuple[str, ...]:
         """Notes on the search for the user, one sentence each."""
         study, notes = self.start.study, []
-        if not study.clear and self.start.order == study.suggested:
+        lags = {kind: sum(_ends(self.inputs[lag.input].name, kind) for lag in self.refined.solution.through.lags)
+                for kind in _LAGS}  # fmt: skip
+        by_gap = study.clear and self.start.order == study.suggested
+        if self.start.order == study.sufficient and not by_gap:
+            gap = f"a clear gap only at {study.suggested} states" if study.clear else "no clear gap"
             notes.append(
-                f"The singular values have no clear gap; {self.start.order} states give the minimum description length."
+                f"The singular values have {gap}; with {self.start.order} states the misfit is within "
+                f"{100.0 * (_ALIKE - 1.0):.0f} % of that of the minimum description length."
             )
         removed = self.start.order - self.order
-        if self.start.order != study.suggested:
+        if self.start.order not in (study.suggested, study.sufficient):
             notes.append(f"{self.start.order} states were requested; {study.suggested} are suggested.")
         if removed:
             notes.append(f"{removed} states with natural frequencies far above the band were removed.")
@@ -408,9 +420,10 @@ class CommonPoleModel:
             notes.append(
                 f"{self.start.mirrored} unstable poles of the start model were mirrored before the refinement."
             )
-        lags = self.refined.solution.through.states
-        if lags:
-            notes.append(f"The roads also act through {lags} fast lags, which represent tire damping.")
+        if lags["road"]:
+            notes.append(f"The roads also act through {lags['road']} fast lags, which represent tire damping.")
+        if lags["force"]:
+            notes.append(f"The shock forces also act through {lags['force']} lags, which represent rubber in series.")
         if not self.refined.converged:
             notes.append(f"The refinement did not converge in {self.refined.iterations} steps; the best model is used.")
         return tuple(notes)
@@ -420,13 +433,13 @@ def state_space(
     solution: Solution, points: Points, inputs: Channels, fitted: Channels, outputs: Channels
 ) -> StateSpace:
     """Return the state-space model of a solution in the units of the response, with all `outputs`."""
-    u, y, rate = points.input_size, points.output_size, solution.through.rate
-    lagged = solution.through.lagged
-    slow = np.full(int(lagged.sum()), -rate)
+    u, y = points.input_size, points.output_size
+    lags = solution.through.lags
+    driven = np.array([lag.rate * np.eye(u.size)[lag.input] for lag in lags]).reshape(-1, u.size)
     model = StateSpace(
-        block_diag(solution.blocks.A, np.diag(slow)),
-        np.vstack((solution.blocks.input_matrix, rate * np.eye(lagged.size)[lagged])) / u,
-        np.hstack((solution.C, solution.lagged[:, lagged])) * y[:, None],
+        block_diag(solution.blocks.A, np.diag([-lag.rate for lag in lags])),
+        np.vstack((solution.blocks.input_matrix, driven)) / u,
+        np.hstack((solution.C, solution.lagged)) * y[:, None],
         solution.D * y[:, None] / u,
         inputs,
         fitted,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,58 +21,53 @@ from eightpost.progress import advance
 # ---- Effects of inputs on outputs besides the common poles ----------------------------------------------------------
 
 
+class Lag(NamedTuple):
+    """First-order lag `1 / (1 + s / rate)` of an input."""
+
+    input: int  #: Index of the input.
+    rate: float  #: Rate [1/s].
+    outputs: NDArray[np.bool_]  #: Mask of the outputs that it acts on (p,).
+
+    def response(self, s: Complex) -> Complex:
+        """Return the response at points s (K,) of the complex plane [1/s]."""
+        return np.asarray(1.0 / (1.0 + s / self.rate))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Feedthrough:
-    """The terms `D_ij + E_ij / (1 + s / rate)`.
+    """Direct terms, and terms of lags.
 
     A damped tire responds to the velocity of the road, which a proper model cannot represent: the tire force grows with
-    frequency, and a part of the wheel velocity follows the road directly. A lag far above the band approximates this
-    velocity and leaves shock velocities without a direct term.
+    frequency, and a part of the wheel velocity follows the road directly. Likewise, rubber in series with a shock
+    yields with the rate of its force. Lags above the band approximate these and leave shock velocities without direct
+    terms.
     """
 
-    direct: NDArray[np.bool_]  #: Mask of the direct terms D_ij that exist (p, m).
-    lagged: NDArray[np.bool_]  #: Mask of the inputs that have a lag (m,); it may act on all outputs.
-    rate: float  #: Rate of the lag [1/s].
-
-    @classmethod
-    def of(cls, direct: NDArray[np.bool_], rate: float) -> Feedthrough:
-        """Return direct terms without any lag."""
-        return cls(direct, np.zeros(direct.shape[1], dtype=np.bool_), rate)
-
-    def with_lags(self, inputs: NDArray[np.bool_]) -> Feedthrough:
-        """Return the same terms with a lag on the `inputs`, a mask (m,)."""
-        return replace(self, lagged=inputs)
-
-    @property
-    def states(self) -> int:
-        """Number of states of the lags."""
-        return int(self.lagged.sum())
+    direct: NDArray[np.bool_]  #: Mask of the direct terms that exist (p, m).
+    lags: tuple[Lag, ...] = ()
 
     @property
     def count(self) -> int:
         """Number of unknown coefficients."""
-        return int(self.direct.sum()) + len(self.direct) * self.states
-
-    def lag(self, s: Complex) -> Complex:
-        """Return 1 / (1 + s / rate) (K,)."""
-        return np.asarray(1.0 / (1.0 + s / self.rate))
+        return int(self.direct.sum()) + sum(int(lag.outputs.sum()) for lag in self.lags)
 
     def of_output(self, i: int, weight: Array, s: Complex) -> Complex:
-        """Return the weighted terms of output `i` as columns (m, K, r): direct ones, then lags."""
-        return _columns(weight, np.flatnonzero(self.direct[i]), np.flatnonzero(self.lagged), self.lag(s))
+        """Return the weighted terms of output `i` as columns (m, K, r): direct ones, then those of its lags."""
+        terms = [(lag.input, lag.response(s)) for lag in self.lags if lag.outputs[i]]
+        return _columns(weight, np.flatnonzero(self.direct[i]), terms)
 
     def of_input(self, j: int, weight: Array, s: Complex) -> Complex:
-        """Return the weighted terms of input `j` as columns (p, K, r): direct ones, then lags."""
-        lagged = np.arange(len(weight)) if self.lagged[j] else np.empty(0, dtype=np.intp)
-        return _columns(weight, np.flatnonzero(self.direct[:, j]), lagged, self.lag(s))
+        """Return the weighted terms of input `j` as columns (p, K, r): direct ones, then those of its lags."""
+        terms = [(i, lag.response(s)) for lag in self.lags if lag.input == j for i in np.flatnonzero(lag.outputs)]
+        return _columns(weight, np.flatnonzero(self.direct[:, j]), terms)
 
 
-def _columns(weight: Array, direct: NDArray[np.intp], lagged: NDArray[np.intp], lag: Complex) -> Complex:
-    columns = np.zeros((*weight.shape, direct.size + lagged.size), dtype=np.complex128)
+def _columns(weight: Array, direct: NDArray[np.intp], terms: Sequence[tuple[int, Complex]]) -> Complex:
+    columns = np.zeros((*weight.shape, direct.size + len(terms)), dtype=np.complex128)
     for k, place in enumerate(direct):
         columns[place, :, k] = weight[place]
-    for k, place in enumerate(lagged, start=direct.size):
-        columns[place, :, k] = weight[place] * lag
+    for k, (place, term) in enumerate(terms, start=direct.size):
+        columns[place, :, k] = weight[place] * term
     return columns
 
 
@@ -254,7 +250,7 @@ class Row(NamedTuple):
 
     c: Array  #: Row of the output matrix (n,).
     d: Array  #: Direct terms (m,); 0 for inputs without one.
-    lagged: Array  #: Gains of the lagged inputs (m,); 0 for inputs without a lag.
+    lagged: Array  #: Gains of the lags (r,); 0 for those that do not act on it.
     misfit: Complex  #: Weighted complex misfit (m, K).
     #: Orthonormal basis of the responses that the row can represent (m, 2 K, r): real parts, then imaginary parts.
     Q: Array
@@ -266,9 +262,10 @@ def _solve_row(points: Points, i: int, X: Complex, through: Feedthrough) -> Row:
     target = weight * points.H[i]
     terms = through.of_output(i, weight, points.s)
     solution, Q = _solved(np.moveaxis(X * weight, 0, -1), terms, target)
-    d, lagged, direct = np.zeros(m), np.zeros(m), through.direct[i]
-    split = n + int(direct.sum())
-    d[direct], lagged[through.lagged] = solution[n:split], solution[split:]
+    d, direct = np.zeros(m), through.direct[i]
+    acts = np.array([lag.outputs[i] for lag in through.lags], dtype=np.bool_)
+    lagged, split = np.zeros(acts.size), n + int(direct.sum())
+    d[direct], lagged[acts] = solution[n:split], solution[split:]
     explained = np.tensordot(solution[:n], X * weight, 1) + terms @ solution[n:]
     return Row(solution[:n], d, lagged, np.asarray(target - explained), Q.reshape(m, -1, solution.size))
 
@@ -428,7 +425,7 @@ class Solution(NamedTuple):
 
     @property
     def lagged(self) -> Array:
-        """Gains of the lagged inputs (p, m)."""
+        """Gains of the lags (p, r)."""
         return np.stack([row.lagged for row in self.rows])
 
     @property

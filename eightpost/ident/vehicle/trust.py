@@ -53,7 +53,7 @@ class Orders:
     """Choice of the number of states."""
 
     tried: tuple[OrderCandidate, ...]  #: Models of increasing order.
-    chosen: int  #: Number of states of the chosen model, without the road lags.
+    chosen: int  #: Number of states of the chosen model, without the lags.
     #: Whether a clear gap of the singular values gives the order; otherwise the description length does.
     is_clear: bool
     high: float  #: Highest frequency of the fit [Hz].

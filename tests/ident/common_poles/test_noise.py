@@ -11,7 +11,7 @@ from eightpost.errors import InputError, ParameterError
 from eightpost.ident.vehicle.common_pole_fit import CommonPoleFit, refitted
 from eightpost.ident.vehicle.common_poles import response_deviation, sampled_models
 from eightpost.ident.vehicle.frequency_response import FrequencyResponse, response_of
-from eightpost.ident.vehicle.pole_search import Blocks, Feedthrough, Refinement, curvature, evaluate, points_of
+from eightpost.ident.vehicle.pole_search import Blocks, Feedthrough, Lag, Refinement, curvature, evaluate, points_of
 
 from .conftest import FREQUENCY, noisy
 
@@ -27,7 +27,8 @@ def test_the_gradient_is_that_of_the_cost():
         np.linspace(0.5, 20.0, 40), H, tuple(Channel(n, "N") for n in "ab"), tuple(Channel(n, "m") for n in "xyz")
     )
     points = points_of(response, floor=0.1)
-    through = Feedthrough(np.array([[True, False], [False, False], [True, True]]), np.array([True, False]), 900.0)
+    direct = np.array([[True, False], [False, False], [True, True]])
+    through = Feedthrough(direct, (Lag(0, 900.0, np.ones(3, bool)), Lag(1, 300.0, np.array([True, False, True]))))
     w, zeta, B = np.array([20.0, 70.0]), np.array([0.1, 1.4]), generator.standard_normal((2, 2, 2))
     here = evaluate(points, Blocks(w, zeta, B), through)
     gradient = curvature(points, here).gradient

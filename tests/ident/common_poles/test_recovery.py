@@ -15,7 +15,7 @@ from eightpost.ident.vehicle.frequency_response import FrequencyResponse, respon
 from eightpost.ident.vehicle.pole_search import FASTEST, Blocks, Refinement, plausibly_damped, points_of
 from eightpost.vehicle import Channel, StateSpace, discretise
 
-from .conftest import FREQUENCY, noisy
+from .conftest import BASELINE, FREQUENCY, noisy
 
 HIGH = 19.9
 
@@ -35,6 +35,29 @@ def test_a_car_is_recovered_to_rounding_and_its_order_has_a_clear_gap(name, stat
     assert (found.order, found.start.study.clear, found.start.mirrored) == (states, True, 0)
     _close(found.model, model, 1e-8)
     np.testing.assert_allclose(np.array(found.model.modes()), np.array(model.modes()), rtol=1e-7)
+
+
+def behind_rubber(response: FrequencyResponse, stiffness: float, damping: float) -> FrequencyResponse:
+    """Return the response of a quarter car with rubber between shock and car, about the same damping of the shock."""
+    s, H = 2j * np.pi * response.frequency, response.H.copy()
+    names, force = response.output_names, response.input_names.index("force")
+    v, x = names.index("velocity"), names.index("displacement")
+    H = H - (BASELINE / (1.0 + BASELINE * H[v, force])) * H[:, [force]] * H[[v]]  # without the damper
+    H[v, force] -= s / (stiffness + damping * s)
+    H[x, force] -= 1.0 / (stiffness + damping * s)
+    return replace(response, H=H + (BASELINE / (1.0 - BASELINE * H[v, force])) * H[:, [force]] * H[[v]])
+
+
+def test_rubber_in_series_with_the_shock_is_represented_by_lags_of_its_force(quarter_car: StateSpace):
+    true = behind_rubber(noisy(quarter_car, 1e-3, 6), 2e6, 900.0)
+    v, force = true.output_names.index("velocity"), true.input_names.index("force")
+    errors = []
+    for lags in (False, True):
+        model = CommonPoleFit(high=HIGH, max_states=8, order=4, lags=lags).fit(true).model
+        wrong = np.abs(model.frequency_response(FREQUENCY)[v, force] / true.H[v, force] - 1.0)
+        errors.append(float(np.sqrt(np.mean(wrong[FREQUENCY > 5.0] ** 2))))
+        assert not model.D[v].any()
+    assert errors[0] > 0.04 and errors[1] < 0.015
 
 
 @given(w=st.floats(1.0, 1e4), zeta=st.floats(1e-5, 1e4))
