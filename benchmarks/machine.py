@@ -3,12 +3,12 @@
     python -m benchmarks.machine [--setups N] [--sample N] [--large]
 
 The shipped study (examples/study.toml): seven builds at four corners, a 33 s lap, its measures; then Hysteresis at all
-corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. Both ways
-run in one process in turns: a block of setups on the machine, then a part of it through the FMUs; the ratio is the
-median over the turns. The machine's step is chosen as for a study. Errors are rms differences from a sixteenth of the
-step, in percent of the standard deviation, the largest of eight setups. Compilation and loading are not counted.
-With --large, 104,976 setups (18 builds at four corners) and a million of a space of 1000 random builds on a lap of 4 s
-run on the machine alone.
+corners, kinds of friction, a quarter car, and the identified car of the examples with friction that sticks. All ways
+run in one process in turns: a block of setups on the machine in double and in single precision, then a part of it
+through the FMUs; the ratio of these to double precision is the median over the turns. The machine's step is chosen as
+for a study. Errors are rms differences from a sixteenth of the step, in percent of the standard deviation, the largest
+of eight setups. Compilation and loading are not counted. With --large, 104,976 setups (18 builds at four corners) and a
+million of a space of 1000 random builds on a lap of 4 s run on the machine alone, in both precisions.
 
 Prints Markdown. All times are processor times of this machine and this run.
 """
@@ -30,7 +30,7 @@ from builder.build import build
 from cosim.session.result import difference
 from cosim.study import Build, Drive, Measure, Study, Vehicle
 from cosim.study.running.batches import Batches
-from cosim.study.running.coupling import coupling_for
+from cosim.study.running.coupling import coupling_for, with_rounding
 from cosim.study.running.evaluator import Coupling, Evaluator, MachineCoupling
 from cosim.study.study_file import read_study, source_files
 from eightpost.corners import CORNERS
@@ -135,27 +135,34 @@ def compare(study: Study, setups: int) -> Row:
         return {"note": coupling.notes[-1]}
     indices = np.random.default_rng(1).permutation(study.space.indices)[:setups]
     chosen = [study.space.setup(int(index)) for index in indices]
-    evaluator.rows(chosen[:8], coupling)
+    machine, single = (found := with_rounding(evaluator, coupling)).machine, found.in_single()
+    for own in (coupling, single):
+        evaluator.rows(chosen[:8], own)
     evaluator.row(chosen[0], THROUGH_FMUS)
     turns = []
     for first in range(0, len(chosen), TURN):
         several = chosen[first : first + TURN]
         began = time.process_time()
         evaluator.rows(several, coupling)
+        double = time.process_time()
+        evaluator.rows(several, single)
         middle = time.process_time()
         for setup in several[:CHECKED]:
             evaluator.row(setup, THROUGH_FMUS)
         end = time.process_time()
-        turns.append(((middle - began) / len(several), (end - middle) / len(several[:CHECKED])))
-    own, fmu = 1e3 * np.array(turns).T
+        counts = (len(several), len(several), len(several[:CHECKED]))
+        turns.append(np.diff([began, double, middle, end]) / counts)
+    own, half, fmu = 1e3 * np.array(turns).T
     return {
-        "step_ms": 1e3 * coupling.machine.step,
+        "step_ms": 1e3 * machine.step,
         "setups": len(chosen),
         "machine_ms": float(np.median(own)),
+        "single_ms": float(np.median(half)),
         "fmu_ms": float(np.median(fmu)),
         "ratio": float(np.median(fmu / own)),
-        "errors": _errors(evaluator, coupling.machine, chosen[:8]),
-        "difference": max(check.difference for check in coupling.machine.checks),
+        "errors": _errors(evaluator, machine, chosen[:8]),
+        "difference": max(check.difference for check in machine.checks),
+        "rounding": "" if machine.rounding is None else f"{machine.rounding.percent:.2g}",
     }
 
 
@@ -204,8 +211,8 @@ def _many(study: Study, builds: int, count: int, *, single: bool) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as Markdown."""
-    heads = ("what", "step [ms]", "setups", "machine [ms]", "FMUs [ms]", "ratio", "tire", "velocity", "hub",
-             "from FMUs [%]")  # fmt: skip
+    heads = ("what", "step [ms]", "setups", "double [ms]", "single [ms]", "FMUs [ms]", "ratio", "tire", "velocity",
+             "hub", "from FMUs [%]", "single from double [%]")  # fmt: skip
     cells = []
     for r in rows:
         if "note" in r:
@@ -213,7 +220,8 @@ def table(rows: Sequence[Row]) -> str:
             continue
         errors = (f"{r['errors'][kind]:.3f}" if kind in r["errors"] else "" for kind in _KINDS)
         cells.append([r["what"], f"{r['step_ms']:.3g}", str(r["setups"]), f"{r['machine_ms']:.2f}",
-                      f"{r['fmu_ms']:.1f}", f"{r['ratio']:.0f}", *errors, f"{r['difference']:.2g}"])  # fmt: skip
+                      f"{r['single_ms']:.2f}", f"{r['fmu_ms']:.1f}", f"{r['ratio']:.0f}", *errors,
+                      f"{r['difference']:.2g}", r["rounding"]])  # fmt: skip
     return markdown(heads, cells)
 
 

@@ -121,7 +121,7 @@ static inline real force_of_polynomials(const Parameters *p, real v)
     if (in_any(apart < 0.5 * p->curve_transition_width)) {
         inner = inner_force(p, v);
     }
-    if (in_every(apart <= -0.5 * p->curve_transition_width)) {
+    if (in_every(apart <= -(0.5 * p->curve_transition_width))) {
         return inner;
     }
     const real share = outer_share(p, apart), outer = outer_force(p, v);

@@ -1,4 +1,4 @@
-/* A number of a model: one double in an FMU; in a library that runs many setups at once (fmus/machine), one double for each of them.
+/* A number of a model: one double in an FMU; in a library that runs many setups at once (fmus/machine), one for each of them.
  * Files that use these names instead of double and ?: compile as both, with the same operations in the same order. */
 #ifndef EIGHTPOST_REAL_H
 #define EIGHTPOST_REAL_H

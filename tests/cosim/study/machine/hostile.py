@@ -51,7 +51,8 @@ def runs(rng: np.random.Generator) -> Iterator[Batch]:
         if rng.random() < 0.5:
             inputs[rng.integers(0, 65, 3), 1] = any_numbers(rng, 3)
         car = LinearCar.of(CAR, [port], np.array([60.0]))
-        yield Batch(Run(car, Drive(times, 1, times, inputs), channels, quantities=quantities, series=tuple(channels)))
+        drive, single = Drive(times, 1, times, inputs), bool(rng.random() < 0.5)
+        yield Batch(Run(car, drive, channels, quantities=quantities, series=tuple(channels), single=single))
 
 
 def main() -> None:

@@ -24,9 +24,10 @@ def main() -> None:
     rubbing = {f"{corner}.{n}": v for corner in CORNERS for n, v in values.items()}
     for vehicle in (Vehicle(Path(sys.argv[2])), Vehicle(fmus["seven_dof"], parameters=rubbing)):
         study = study_of(fmus, random_builds(fmus, LAWS, 10, seed=5), vehicle, measures=tuple(measures))
-        batches = Batches(Evaluator(study), 1e-3)
-        found = [runs["track"].values for _, runs, _ in batches.runs(random_setups(study, 11)) if runs]
-        assert len(found) == 11 and all(np.isfinite(list(values.values())).all() for values in found)
+        for single in (False, True):
+            batches = Batches(Evaluator(study), 1e-3, single=single)
+            found = [runs["track"].values for _, runs, _ in batches.runs(random_setups(study, 11)) if runs]
+            assert len(found) == 11 and all(np.isfinite(list(values.values())).all() for values in found)
     print("no finding")
 
 
