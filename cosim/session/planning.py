@@ -363,9 +363,8 @@ def _compare(setup: RunSetup, series: TimeSeries, first: _Run, run: _Run) -> Non
 
 def _unit_notes(system: System) -> Iterator[str]:
     unstated = sorted(
-        f"{name}.{v.name}"
-        for name, component in system.components.items()
-        for v in component.variables.values()
+        name
+        for name, v in system.variables()
         if v.unit is None and v.type == "Real" and v.causality in ("input", "output")
     )
     if unstated:
@@ -375,9 +374,8 @@ def _unit_notes(system: System) -> Iterator[str]:
 def _gas_notes(system: System) -> Iterator[str]:
     """Note that a gas force may be counted twice: in the static loads of the car and in a shock's own preload."""
     values = {
-        f"{name}.{v.name}": system.parameters.get(name, {}).get(v.name, v.start)
-        for name, component in system.components.items()
-        for v in component.variables.values()
+        name: system.parameters.get(name.partition(".")[0], {}).get(v.name, v.start)
+        for name, v in system.variables()
         if v.name == "gas_preload" or v.name.endswith("static_tire_force")
     }
     stated = [name for name, value in values.items() if float(value or 0.0) != 0.0]

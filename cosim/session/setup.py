@@ -136,10 +136,7 @@ def recorded_names(system: System, scenario: Scenario) -> tuple[str, ...]:
         WiringError: A name is unknown or its values are not numbers.
     """
     names = tuple(dict.fromkeys(scenario.record)) or tuple(
-        f"{name}.{v.name}"
-        for name, component in system.components.items()
-        for v in component.variables.values()
-        if v.causality == "output" and v.type in _NUMBERS
+        name for name, v in system.variables() if v.causality == "output" and v.type in _NUMBERS
     )
     for name in names:
         if system.output(name).type not in _NUMBERS:
@@ -286,12 +283,7 @@ class _LimitWatch:
             "share_far_beyond_settings": _limits(system, "beyond_settings", _FAR),
             "share_untested_settings": _limits(system, "untested_settings", 0.5),
         }
-        self._tires = {
-            Limit(f"{name}.{v.name}", -1.0, 0.0): _static_load(system, name, v.name) != 0.0
-            for name, component in system.components.items()
-            for v in component.variables.values()
-            if v.causality == "output" and v.name.endswith("tire_force")
-        }
+        self._tires = {Limit(name, -1.0, 0.0): _static_load(system, name) != 0.0 for name in system.tire_forces}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -317,15 +309,11 @@ class _LimitWatch:
 
 def _limits(system: System, variable: str, limit: float) -> tuple[Limit, ...]:
     """Return an upper limit of each variable of this name, in components and in the parts of assemblies."""
-    return tuple(
-        Limit(f"{component}.{name}", 1.0, limit)
-        for component, opened in system.components.items()
-        for name in opened.variables
-        if name.rpartition(".")[2] == variable
-    )
+    return tuple(Limit(name, 1.0, limit) for name, _ in system.variables() if name.rpartition(".")[2] == variable)
 
 
-def _static_load(system: System, component: str, output: str) -> float:
+def _static_load(system: System, tire_force: str) -> float:
+    component, _, output = tire_force.partition(".")
     parameter = output.replace("tire_force", "static_tire_force")
     variable = system.components[component].variables.get(parameter)
     value = system.parameters.get(component, {}).get(parameter, variable.start if variable else 0.0)

@@ -15,22 +15,9 @@ import numpy as np
 
 from cosim.report.page import versions
 from cosim.study.answer import answer_of, chance, corner_choices, sought, tied
-from cosim.study.choice.certainty import Certainty
-from cosim.study.choice.rig_day import Selected, Selection
-from cosim.study.choice.sensitivity import Sensitivity, available_sensitivities
-from cosim.study.sheet import (
-    AimPage,
-    Column,
-    Extras,
-    Scale,
-    Sheet,
-    ShockCurve,
-    Uncertainty,
-    build_colors,
-    sheet_of,
-    shown_columns,
-)
-from cosim.study.table import StudyResult
+from cosim.study.choice.rig_day import Selected
+from cosim.study.choice.sensitivity import Sensitivity
+from cosim.study.sheet import Column, Extras, Scale, Sheet, Uncertainty, build_colors, shown_columns
 from eightpost.array_types import Array, Integers
 from eightpost.errors import OutputError
 from eightpost.extras import needs
@@ -523,28 +510,13 @@ def _groups(sheet: Sheet, selection: Sequence[Selected]) -> list[tuple[str, list
 # ---- Files of a study's report --------------------------------------------------------------------------------------
 
 
-def write_study_report(
-    result: StudyResult,
-    out_dir: str | Path,
-    *,
-    traces: Mapping[int, TimeSeries] | None = None,
-    selection: Selection | None = None,
-    certainty: Certainty | None = None,
-    curves: Mapping[str, ShockCurve] | None = None,
-    shock_pages: Mapping[str, str] | None = None,
-    aim: AimPage | None = None,
-    trace_command: str = "",
-) -> Path:
+def write_study_report(sheet: Sheet, extras: Extras, out_dir: str | Path) -> Path:
     """Write all files of a study's report without running a simulation: its page, which is returned, and tables.
 
     Args:
         out_dir: Output folder; existing files of the same names are replaced, each after the new file is complete.
-        shock_pages: Pages of the shocks relative to the folder, by build.
-        trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
     """
-    sheet, folder = sheet_of(result, certainty=certainty, trace_command=trace_command), Path(out_dir)
-    chosen = selection.chosen if selection else ()
-    extras = Extras(traces or {}, available_sensitivities(result), chosen, curves or {}, shock_pages or {}, aim)
+    folder = Path(out_dir)
     write_workbook(sheet, folder / "ranking.xlsx")
     write_ranking(sheet, folder / "ranking.csv")
     for number, series in extras.traces.items():

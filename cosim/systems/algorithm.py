@@ -10,14 +10,6 @@ from cosim.engine.plan import EXTRAPOLATED, GAUSS_SEIDEL, HELD, IMPLICIT, INTERP
 from cosim.systems.coupling import Coupling
 from eightpost.errors import InputError, WiringError, check_number
 
-#: Coupling values over a step whose end values are not known yet.
-VALUES: Mapping[str, int] = {
-    "held": HELD,
-    "interpolated": INTERPOLATED,
-    "extrapolated": EXTRAPOLATED,
-    "parabolic": PARABOLIC,
-}
-
 
 class Accuracy(NamedTuple):
     """Accuracy of a scheme for components that ramp their inputs."""
@@ -27,12 +19,13 @@ class Accuracy(NamedTuple):
     share: float
 
 
-#: Accuracy of explicit schemes by their coupling values: Adams-Bashforth formulas of two and three points.
-_ACCURACY = {
-    "held": Accuracy(1, 0.5),
-    "interpolated": Accuracy(1, 1.0),
-    "extrapolated": Accuracy(2, 5.0 / 12.0),
-    "parabolic": Accuracy(3, 3.0 / 8.0),
+#: Coupling values over a step whose end values are not known yet, with the accuracy that they give explicit schemes:
+#: Adams-Bashforth formulas of two and three points.
+VALUES: Mapping[str, tuple[int, Accuracy]] = {
+    "held": (HELD, Accuracy(1, 0.5)),
+    "interpolated": (INTERPOLATED, Accuracy(1, 1.0)),
+    "extrapolated": (EXTRAPOLATED, Accuracy(2, 5.0 / 12.0)),
+    "parabolic": (PARABOLIC, Accuracy(3, 3.0 / 8.0)),
 }
 
 #: Accuracy for a component that holds its inputs over a step.
@@ -90,11 +83,11 @@ class _Explicit:
     @property
     def accuracy(self) -> Accuracy:
         """Accuracy of the coupling values."""
-        return _ACCURACY[self.values]
+        return VALUES[self.values][1]
 
     def mode(self, settling: float) -> Mode:
         """Return the loop's settings for a step; limits are watched after `settling` [s]."""
-        return Mode(self._sweep, VALUES[self.values], 0.0, 0, settling, 1)
+        return Mode(self._sweep, VALUES[self.values][0], 0.0, 0, settling, 1)
 
 
 class _Sequenced:
@@ -266,15 +259,6 @@ class Adaptive:
         return self.scheme.mode(settling)._replace(final=0)
 
 
-#: Algorithms by name, with their default settings.
-ALGORITHMS: dict[str, Algorithm] = {
-    "jacobi": Jacobi(),
-    "gauss-seidel": GaussSeidel(),
-    "implicit": Implicit(),
-    "adaptive": Adaptive(),
-}
-
-
 # ---- The default -----------------------------------------------------------------------------------------------------
 
 
@@ -302,8 +286,9 @@ class Automatic:
             )
 
 
-#: Algorithms by the names that the command line and system files use.
-SCHEMES: Mapping[str, Algorithm | Automatic] = {"default": Automatic(), **ALGORITHMS}
+_SCHEMES: tuple[Algorithm | Automatic, ...] = (Automatic(), Jacobi(), GaussSeidel(), Implicit(), Adaptive())
+#: Algorithms by the names that the command line and system files use, with their default settings.
+SCHEMES: Mapping[str, Algorithm | Automatic] = {scheme.name: scheme for scheme in _SCHEMES}
 
 
 def default_scheme(name: str = "gauss-seidel") -> GaussSeidel | Implicit:

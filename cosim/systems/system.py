@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from numbers import Real
@@ -299,13 +299,16 @@ class System(Summarized):
     def decisive(self) -> frozenset[str]:
         """Outputs whose coupling error is judged: velocities and forces of bonds, tire forces."""
         ends = {c.source for bond in self.bonds for c in (bond.velocity, bond.force)}
-        tires = {
-            f"{name}.{v.name}"
-            for name, component in self.components.items()
-            for v in component.variables.values()
-            if v.causality == "output" and v.name.endswith("tire_force")
-        }
-        return frozenset(ends | tires)
+        return frozenset(ends.union(self.tire_forces))
+
+    @property
+    def tire_forces(self) -> tuple[str, ...]:
+        """Outputs that are tire forces."""
+        return tuple(n for n, v in self.variables() if v.causality == "output" and n.endswith("tire_force"))
+
+    def variables(self) -> Iterator[tuple[str, Variable]]:
+        """Yield all variables of the components with their names, as `component.variable`."""
+        return ((f"{name}.{v.name}", v) for name, c in self.components.items() for v in c.variables.values())
 
     @property
     def all_connections(self) -> tuple[Connection, ...]:

@@ -556,8 +556,9 @@ class StudyFolder:
         Args:
             trace_command: Command that computes the traces of a setup, with `{setup}` in place of its number.
         """
+        from cosim.study.choice.sensitivity import available_sensitivities
         from cosim.study.page import write_study_report
-        from cosim.study.sheet import AimPage, copy_shock_pages, shock_curves
+        from cosim.study.sheet import AimPage, Extras, copy_shock_pages, sheet_of, shock_curves
 
         result, study = self.result, self.study
         selection = self._readable(lambda: self.selection)
@@ -567,17 +568,16 @@ class StudyFolder:
         traced += [selected.setup.index for selected in selection.chosen] if selection else []
         done = set(result.setups[result.done].tolist())
         with stated_by(study.units):
-            return write_study_report(
-                result,
-                self.path,
-                traces=traces(result, dict.fromkeys(index for index in traced if index in done), self.evaluator),
-                selection=selection,
-                certainty=certainty,
-                curves=shock_curves(study),
-                shock_pages=copy_shock_pages(study, self.path),
-                aim=AimPage.of(self.path, result.provenance.digest),
-                trace_command=trace_command,
+            sheet = sheet_of(result, certainty=certainty, trace_command=trace_command)
+            extras = Extras(
+                traces(result, dict.fromkeys(index for index in traced if index in done), self.evaluator),
+                available_sensitivities(result),
+                selection.chosen if selection else (),
+                shock_curves(study),
+                copy_shock_pages(study, self.path),
+                AimPage.of(self.path, result.provenance.digest),
             )
+            return write_study_report(sheet, extras, self.path)
 
     def _certainty_of(self, digest: str) -> Certainty | None:
         path = self.path / CERTAINTY

@@ -121,11 +121,11 @@ def _couple_and_swap(console: Console, examples: Path, output: Path) -> dict[str
 
 def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -> None:
     from cosim.report.page import plot_spectra
-    from cosim.study.choice.compare import compare_runs, plot_measures
+    from cosim.study.choice import compare
     from eightpost.report import pictures
 
     console.rule("4. Response measures")
-    compared = compare_runs(results)
+    compared = compare.compare_runs(results)
     details(console).print(measure_table(compared))
     changes = {measure.name: compared.change(measure) for measure in compared.measures}
     largest = sorted((name for name, change in changes.items() if change), key=lambda name: -abs(changes[name] or 0.0))
@@ -135,7 +135,8 @@ def _measure(console: Console, results: dict[str, cosim.Result], output: Path) -
     traces = pictures.traces(series, _TRACES, start=10.0, stop=14.0, title=f"Time traces {_SYNTHETIC}")
     pictures.save(traces, output / "traces.png")
     plot_spectra(series, _SPECTRA, output / "spectra.png", f"Power spectral densities {_SYNTHETIC}")
-    plot_measures(series, compared.measures, output / "measures.png", title=f"Response measures {_SYNTHETIC}")
+    measures = compare.changes(series, compared.measures, title=f"Response measures {_SYNTHETIC}")
+    pictures.save(measures, output / "measures.png")
 
 
 def _study(console: Console, examples: Path, output: Path) -> None:

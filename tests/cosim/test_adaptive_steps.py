@@ -1,55 +1,16 @@
 """Error-controlled step sizes, on a mass with a spring and damper."""
 
-from math import inf, nan
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
-from cosim.engine import march
 from cosim.session import run as run_module
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
 
 from .mass_and_damper import DAMPING, MASS, STIFFNESS, ran
-
-
-def control(order: int = 2, least: float = 1e-4, largest: float = 0.5) -> march.Control:
-    return march.Control(np.array([1]), np.array([0.01]), 1e-3, order, least, largest)
-
-
-def test_the_next_step_size_is_computed_from_the_last_two_errors() -> None:
-    chosen = march._next_step
-    assert chosen(control(), 0.01, 1.0, 1.0) == pytest.approx(0.009, rel=1e-14)
-    assert chosen(control(), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5 ** (-0.7 / 3.0), rel=1e-14)
-    assert chosen(control(), 0.01, 1.0, 0.5) == pytest.approx(0.009 * 0.5 ** (0.4 / 3.0), rel=1e-14)
-    assert chosen(control(order=1), 0.01, 0.5, 1.0) == pytest.approx(0.009 * 0.5**-0.35, rel=1e-14)
-
-
-def test_the_next_step_is_at_most_four_times_the_last_and_within_its_limits() -> None:
-    chosen = march._next_step
-    assert chosen(control(), 0.01, 0.0, 1.0) == pytest.approx(0.04)
-    assert chosen(control(), 0.01, 1e9, 1.0) == pytest.approx(0.002)
-    assert chosen(control(largest=0.015), 0.01, 0.0, 1.0) == 0.015
-    assert chosen(control(least=0.005), 0.01, 1e9, 1.0) == 0.005
-    # An error of zero is treated as 1e-8.
-    factor = 1e-3 ** (-0.7 / 3.0) * 1e-8 ** (0.4 / 3.0)
-    assert chosen(control(), 0.01, 1e-3, 0.0) == pytest.approx(0.009 * factor, rel=1e-12)
-
-
-@pytest.mark.parametrize(("order", "divisor"), [(1, 1.0), (2, 3.0), (3, 7.0)])
-def test_the_error_of_two_half_steps_is_estimated_from_their_difference_to_one_whole_step(
-    order: int, divisor: float
-) -> None:
-    """Relative to the allowed error: 0.01 plus a thousandth of the largest value so far."""
-    m = SimpleNamespace(now=np.array([9.0, -4.0]))
-    once = np.array([0.0, -4.07])
-    for scale, allowed in ((2.0, 0.014), (20.0, 0.03)):
-        error = march._difference(m, once, control(order), np.array([scale]))
-        assert error == pytest.approx(0.07 / (divisor * allowed), rel=1e-12)
-    assert np.isnan(march._difference(m, np.array([0.0, np.nan]), control(order), np.array([2.0])))
 
 
 @pytest.mark.parametrize("scheme", [GaussSeidel(), Jacobi("extrapolated"), Implicit()], ids=lambda s: s.name)
@@ -150,14 +111,3 @@ def test_an_adaptive_run_interpolates_the_drive_linearly_between_its_points(make
     t = result.series.time
     exact = [np.trapezoid(np.interp(fine := np.linspace(0.0, end, 20001), time, [0, 30, -20, 10]), fine) for end in t]
     assert result.series["car.velocity"] == pytest.approx(np.array(exact) / MASS, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("error", "share"), [(16.0, 0.45), (1.0001, 0.9), (1e6, 0.2), (1e12, 0.2), (-1.0, 0.2), (inf, 0.2), (nan, 0.2)]
-)
-def test_a_rejected_step_shrinks_according_to_its_order_or_fivefold_if_its_error_is_unknown(
-    error: float, share: float
-) -> None:
-    control = SimpleNamespace(order=3.0, least=1e-6)
-    assert march._smaller_step(control, 1e-3, error) == pytest.approx(share * 1e-3, rel=1e-4)
-    assert march._smaller_step(control, 2e-6, 1e6) == 1e-6

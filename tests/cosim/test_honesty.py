@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import Adaptive, Algorithm, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from cosim import Adaptive, Algorithm, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
 from eightpost.errors import WiringError
 from eightpost.signals import Drivefile
 
@@ -45,53 +45,6 @@ def test_the_local_error_of_a_bond_falls_with_the_order_of_its_coupling_values(
         assert orders([bond.velocity_error for bond in coupled]) == pytest.approx(order, abs=0.15)
     else:  # the car has stepped first, so its velocity at the end is known
         assert [bond.velocity_error for bond in coupled] == [0.0] * len(STEPS)
-
-
-def test_local_errors_match_the_exact_ones_of_a_shock_with_a_known_force(make: Any) -> None:
-    """F = sin w t, held: the error at a step's end is F(t + h) - F(t), mean square 2 sin(w h/2)^2; half on average."""
-    omega, h = 2.0 * np.pi, 1e-2
-    moving = make.table(make.variable("velocity", "output", "m/s"), make.variable("force", "input", "N"))
-    shock = make.table(make.variable("velocity", "input", "m/s"), make.variable("force", "output", "N"))
-    damper = make.component(shock, lambda t, _: {"force": np.sin(omega * t)}, lambda t, _a, _b, step: t + step)
-    body = make.component(moving, lambda _t, _u: {"velocity": 0.0})
-    system = System({"car": body, "shock": damper}, (Bond.between("car", "shock", displacement=False),))
-    bond = run(system, Scenario(5.0), algorithm=Jacobi(), step=h).coupled["car"]
-    assert bond.force_error == pytest.approx(0.5 * np.sqrt(2.0) * np.sin(omega * h / 2.0), rel=1e-6)
-    assert bond.force_spread == pytest.approx(np.sqrt(0.5), rel=1e-6)
-    assert bond.percent == pytest.approx(100.0 * bond.force_error / bond.force_spread)
-
-
-def test_transferred_energy_is_the_integral_of_the_shocks_power(quarter_cars: Join, bumps: Drivefile) -> None:
-    result = run(quarter_cars(), Scenario(1.0, bumps, ROAD), step=1e-4)
-    power = np.abs(result.series["car_a.velocity"] * result.series["shock_a.force"])
-    assert result.energy["car_a"].transferred == pytest.approx(np.trapezoid(power, result.series.time), rel=1e-3)
-
-
-def test_iterations_rejected_steps_and_the_largest_step_are_counted(quarter_cars: Join, bumps: Drivefile) -> None:
-    system, scenario = quarter_cars(), Scenario(1.0, bumps, ROAD, record_step=0.004)
-    once = run(system, scenario, step=1e-3)
-    assert (once.steps, once.iterations, once.rejected_steps, once.largest_step) == (1000, 0, 0, 1e-3)
-    repeated = run(system, scenario, algorithm=Implicit(), step=1e-3)
-    assert 2 * repeated.steps <= repeated.iterations < 10 * repeated.steps
-    chosen = run(system, scenario, algorithm=Adaptive(relative=1e-3), step=4e-3)
-    assert chosen.rejected_steps > 0
-    assert 0.0 < chosen.step < chosen.largest_step <= 0.004
-    assert 2 * 250 <= chosen.steps < 2000  # two half steps, at least one pair for each interval of the drive
-
-
-def test_steps_that_did_not_converge_are_counted_and_reported(quarter_cars: Join, bumps: Drivefile) -> None:
-    one_iteration = Implicit(tolerance=1e-13, iterations=1)
-    result = run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=one_iteration, step=4e-3)
-    assert not result.converged
-    assert not result.acceptable
-    assert not result.partial
-    assert any(
-        note.endswith(
-            f"of {result.steps} steps did not converge: use a smaller coupling step, and do not use this result"
-        )
-        for note in result.notes
-    )
-    assert run(quarter_cars(), Scenario(0.5, bumps, ROAD), algorithm=Implicit(), step=4e-3).converged
 
 
 @pytest.mark.nightly

@@ -355,24 +355,6 @@ def only(verdict: Verdict, rule: str):
     return reason
 
 
-SETTINGS = [
-    ({}, {}, {}, []),
-    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 0.0}, ["within the settings of a shock"]),
-    ({"lf": 0.1}, {"lf": 0.0}, {"lf": 0.0}, ["beyond the settings of a shock"]),
-    ({"lf": 1.0}, {"lf": 1.0}, {"lf": 0.0}, ["far beyond the settings of a shock"]),
-    ({"lf": 0.0}, {"lf": 0.0}, {"lf": 1.0}, ["untested settings of a shock"]),
-    ({"lf": 1.0}, {"lf": 0.0}, {"lf": 1.0}, ["untested settings of a shock", "beyond the settings of a shock"]),
-]
-
-
-@pytest.mark.parametrize(("beyond", "far", "untested", "expected"), SETTINGS)
-def test_a_shock_at_settings_that_were_not_measured_is_a_reason(beyond, far, untested, expected):
-    shares = {"share_beyond_settings": beyond, "share_far_beyond_settings": far, "share_untested_settings": untested}
-    reasons = sound(**shares).verdict.about("settings of the shocks").reasons
-    assert [reason.rule for reason in reasons] == expected
-    assert all(reason.origin == "component lf" for reason in reasons)
-
-
 def test_a_large_local_error_makes_a_run_not_usable_even_if_the_stated_error_is_small():
     """Two runs that oscillate from step to step can agree at the recorded points."""
     chatter = sound(coupled={"lf": Coupled(1.4, 0.5, 1.0, 800.0, 0.5, 800.0)}, stated_error={"car.velocity": 1e-3})

@@ -6,8 +6,8 @@ import html
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
+import lxml.html
 import numpy as np
 import pytest
 from scipy.signal import welch
@@ -32,33 +32,17 @@ __all__ = ["stores"]
 SPECIAL = 'a <b>&"quoted"\'</script>'
 
 
-class _Page(HTMLParser):
-    """The text, addresses and script elements of a page, as a browser would parse them."""
+class _Page:
+    """The text, addresses and script elements of a page."""
 
     def __init__(self, content):
-        super().__init__()
-        self.content, self.texts, self.addresses, self.scripts, self.ids = content, [], [], {}, set()
-        self._script = None
-        self.feed(content)
-
-    def handle_starttag(self, tag, attributes):
-        given = dict(attributes)
-        self.addresses += [given[name] for name in ("href", "src", "action", "data", "srcset") if name in given]
-        self.ids.add(given.get("id"))
-        self._script = given.get("id", "code") if tag == "script" else tag if tag == "style" else None
-
-    def handle_endtag(self, tag):
-        self._script = None
-
-    def handle_data(self, data):
-        if self._script:
-            self.scripts[self._script] = self.scripts.get(self._script, "") + data
-        else:
-            self.texts.append(data)
-
-    @property
-    def text(self):
-        return " ".join(" ".join(self.texts).split())
+        self.content, tree = content, lxml.html.fromstring(content)
+        self.addresses = tree.xpath("//@href | //@src | //@action | //@data | //@srcset")
+        self.ids = set(tree.xpath("//@id"))
+        self.scripts = {
+            e.get("id", "code" if e.tag == "script" else e.tag): e.text for e in tree.iter("script", "style")
+        }
+        self.text = " ".join(" ".join(tree.xpath("//text()[not(parent::script or parent::style)]")).split())
 
     @property
     def manifest(self):

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Automatic, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
-from cosim.engine import sweep
-from cosim.engine.sweep import _broyden, _invert, _on_parabola, step_from
+from cosim.engine.sweep import _invert, _on_parabola, step_from
 from cosim.systems.algorithm import VALUES
 from tests.unchanged import refusals
 
@@ -165,25 +164,6 @@ def test_a_parabola_is_extrapolated_exactly_for_any_step_sizes(steps: tuple[floa
     assert step.line == pytest.approx(steps[2] / steps[1], rel=1e-14)
 
 
-@pytest.mark.parametrize(("status", "refused"), [(0, 0), (1, 0), (2, 1), (3, 1), (4, 1), (-1, 1)])
-def test_a_warning_is_no_failure(status: int, refused: int) -> None:
-    m = SimpleNamespace(failure=np.zeros(3))
-    assert sweep.failed(m, status, 5, 7) == refused
-    assert m.failure.tolist() == ([status, 5, 7] if refused else [0, 0, 0])
-
-
-def test_a_column_of_the_jacobian_is_the_difference_over_the_disturbance(monkeypatch: pytest.MonkeyPatch) -> None:
-    loops = SimpleNamespace(unknowns=np.array([0, 2]), matrix=np.array([0]), signal=np.array([1, 0]))
-    m = SimpleNamespace(
-        missed=np.array([1.0, 2.0]), after=np.zeros(2), guess=np.array([3.0, 4.0]), kept=np.array([9.0, 0.5]),
-        jacobian=np.zeros(4),
-    )  # fmt: skip
-    monkeypatch.setattr(sweep, "_disagreement", lambda _plan, _m, _g, to: to.__setitem__(slice(None), [2.0, 5.0]))
-    sweep._take_difference(SimpleNamespace(loops=loops), m, 0, 1)
-    assert m.jacobian.tolist() == [0.0, 2.0, 0.0, 6.0]
-    assert m.guess.tolist() == [9.0, 4.0]  # the disturbance is undone
-
-
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 def test_a_matrix_with_a_zero_first_pivot_is_inverted(size: int) -> None:
     a = np.random.default_rng(size).normal(size=(size, size))
@@ -198,22 +178,6 @@ def test_a_zero_matrix_gives_the_identity_as_its_inverse() -> None:
     inverse = np.empty(4)
     _invert(np.zeros(4), 2, inverse)
     assert inverse.tolist() == [1.0, 0.0, 0.0, 1.0]
-
-
-def test_a_broyden_update_fits_the_last_move_and_leaves_all_other_directions_unchanged() -> None:
-    """H y = s, and H z is unchanged for every z with s'H z = 0."""
-    rng, n = np.random.default_rng(4), 4
-    before, move, change = rng.normal(size=(n, n)), rng.normal(size=n), rng.normal(size=n)
-    inverse = np.concatenate([[7.0], before.ravel()])
-    m = SimpleNamespace(move=move, change=change, left=np.ones(n), right=np.ones(n), inverse=inverse)
-    plan = SimpleNamespace(loops=SimpleNamespace(unknowns=np.array([0, n]), matrix=np.array([1])))
-    _broyden(plan, m, 0)
-    after = inverse[1:].reshape(n, n)
-    assert after @ change == pytest.approx(move, rel=1e-10)
-    met = before.T @ move
-    for z in np.linalg.svd(met[None])[2][1:]:
-        assert after @ z == pytest.approx(before @ z, rel=1e-10)
-    assert inverse[0] == 7.0
 
 
 def test_an_implicit_step_converges_with_a_small_force_jump_and_not_with_a_large_one(parts: Any) -> None:

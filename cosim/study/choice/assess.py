@@ -56,66 +56,62 @@ def _contributions_of(
         unstated: Builds whose parameters' uncertainty is not known.
         chosen: Criterion by which setups are ranked.
     """
-    vehicle, fits = _vehicle(result, sources, chosen), _fits(result, effects, unstated)
-    noise, coupling = _run_to_run(sources, chosen, confirmed), _coupling(result, sources, chosen)
-    return vehicle, fits, _copies(result, effects), noise, coupling
+    found = {
+        "vehicle": _vehicle(result, sources, chosen),
+        "shock fits": _fits(result, effects, unstated),
+        "build to build": _copies(result, effects),
+        RUN_TO_RUN: _run_to_run(sources, chosen, confirmed),
+        "coupling": _coupling(result, sources, chosen),
+    }
+    return tuple(Contribution(name, *stated) for name, stated in found.items())
 
 
-def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> Contribution:
-    names = [sources.names[m] for m in chosen.measures.tolist() if sources.bases[m] == UNKNOWN]
-    if not names and FILE in [sources.bases[m] for m in chosen.measures.tolist()]:
-        return Contribution("vehicle", Status.INCLUDED, "as the uncertainty file states")
-    if not names:
-        text = f"as {result.study.vehicle.fmu.name} states for its outputs"
-        return Contribution("vehicle", Status.INCLUDED, text)
-    text = (
-        f"{result.study.vehicle.fmu.name} does not state the uncertainty of {', '.join(names)}; identify the car with "
-        "`eightpost identify`, or rank by the RMS of one of its outputs"
-    )
-    return Contribution("vehicle", Status.UNKNOWN, text)
+def _vehicle(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> tuple[Status, str]:
+    bases = {sources.names[m]: sources.bases[m] for m in chosen.measures.tolist()}
+    if names := [name for name, basis in bases.items() if basis == UNKNOWN]:
+        return Status.UNKNOWN, (
+            f"{result.study.vehicle.fmu.name} does not state the uncertainty of {', '.join(names)}; identify the car "
+            "with `eightpost identify`, or rank by the RMS of one of its outputs"
+        )
+    if FILE in bases.values():
+        return Status.INCLUDED, "as the uncertainty file states"
+    return Status.INCLUDED, f"as {result.study.vehicle.fmu.name} states for its outputs"
 
 
-def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str]) -> Contribution:
-    name = "shock fits"
+def _fits(result: StudyResult, effects: Sequence[Effect], unstated: Sequence[str]) -> tuple[Status, str]:
     builds = [effect.part for effect in effects if effect.part in result.study.bank and effect.changes]
-    unknown = [build for build in result.study.allowed if build in unstated or build not in builds]
-    if unknown:
+    if unknown := [build for build in result.study.allowed if build in unstated or build not in builds]:
         text = f"the uncertainty of {', '.join(unknown)} is not known; build the FMU from a file of `eightpost fit`"
-        return Contribution(name, Status.UNKNOWN, text)
+        return Status.UNKNOWN, text
     text = f"standard errors of {len(builds)} parameters of {len(set(builds))} builds"
-    alike = {effect.part for effect in effects if effect.correlations}
-    if alike:
+    if alike := {effect.part for effect in effects if effect.correlations}:
         text += f"; the errors of {len(alike)} of them are correlated, because their fits had the same test"
-    return Contribution(name, Status.INCLUDED, text)
+    return Status.INCLUDED, text
 
 
-def _copies(result: StudyResult, effects: Sequence[Effect]) -> Contribution:
-    name = "build to build"
+def _copies(result: StudyResult, effects: Sequence[Effect]) -> tuple[Status, str]:
     stated = {effect.part for effect in effects if effect.copies > 0.0}
     equal = [build for build in result.study.allowed if build not in stated]
     if not equal:
-        return Contribution(name, Status.INCLUDED, f"stated for {', '.join(sorted(stated))}")
+        return Status.INCLUDED, f"stated for {', '.join(sorted(stated))}"
     whose = f"copies of {', '.join(equal)}" if stated else "all copies of a build"
-    return Contribution(name, Status.LEFT_OUT, f"{whose} are treated as equal")
+    return Status.LEFT_OUT, f"{whose} are treated as equal"
 
 
-def _run_to_run(sources: ErrorSources, chosen: Criterion, confirmed: bool) -> Contribution:
-    name = RUN_TO_RUN
+def _run_to_run(sources: ErrorSources, chosen: Criterion, confirmed: bool) -> tuple[Status, str]:
     if np.all(np.isfinite(sources.run_to_run[chosen.measures])):
-        return Contribution(name, Status.INCLUDED, "in rig runs; the true level of a setup does not have it")
+        return Status.INCLUDED, "in rig runs; the true level of a setup does not have it"
     if confirmed:
-        text = "measured levels are treated as exact; test one setup twice, or state run_to_run"
-        return Contribution(name, Status.UNKNOWN, text)
-    return Contribution(name, Status.LEFT_OUT, "a rig run deviates from the true level by an unknown amount")
+        return Status.UNKNOWN, "measured levels are treated as exact; test one setup twice, or state run_to_run"
+    return Status.LEFT_OUT, "a rig run deviates from the true level by an unknown amount"
 
 
-def _coupling(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> Contribution:
-    name = "coupling"
+def _coupling(result: StudyResult, sources: ErrorSources, chosen: Criterion) -> tuple[Status, str]:
     columns = [error_column(sources.names[m]) for m in chosen.measures.tolist()]
     if all(c in result.table.columns and np.isfinite(result.table[c]).any() for c in columns):
         worst = float(sources.coupling[:, chosen.measures].max(initial=0.0))
-        return Contribution(name, Status.INCLUDED, f"errors of the coupling of up to {100.0 * worst:.2g} %")
-    return Contribution(name, Status.LEFT_OUT, "the table does not state the coupling errors of these measures")
+        return Status.INCLUDED, f"errors of the coupling of up to {100.0 * worst:.2g} %"
+    return Status.LEFT_OUT, "the table does not state the coupling errors of these measures"
 
 
 # ---- Assessment -----------------------------------------------------------------------------------------------------
@@ -168,10 +164,8 @@ def certainty_of(
         InputError: There is no such measure.
     """
     known = known or Knowledge()
-    sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
-    seen = _observations_of(result, sources, known.runs)
-    surprises = surprises_of(sources, seen)
-    posterior = _without_surprises(sources, seen, surprises)
+    seen, surprises, posterior = _evidence(result, known)
+    sources = posterior.sources
     name = criterion or (OBJECTIVE if result.study.objective else result.measures[0].name)
     feasible = feasible_probability(posterior, limits_of(result), result.done)
     chosen = Criterion.of(result, name)
@@ -194,7 +188,7 @@ def certainty_of(
         trade_offs=tuple(_trade_offs(result, posterior, chosen, drawn, ties, min(draws, _FEWER), seed)),
         effects=known.effects,
         runs=known.runs,
-        contradictions=tuple(_contradictions(result, sources, seen, surprises)),
+        contradictions=tuple(_contradictions(result, known.runs, sources, seen, surprises)),
         draws=drawn.count,
         unstated=known.unstated,
         vehicle=known.vehicle,
@@ -205,33 +199,32 @@ def certainty_of(
 
 def posterior_of(result: StudyResult, known: Knowledge) -> Posterior:
     """Return the errors of a study's setups, given the rig runs so far."""
+    return _evidence(result, known)[2]
+
+
+def _evidence(result: StudyResult, known: Knowledge) -> tuple[Observations, list[Surprise], Posterior]:
+    """Return the measured levels, those that are improbable, and the errors given all that are not left out."""
     sources = error_sources(result, known.effects, known.run_to_run, known.vehicle)
     seen = _observations_of(result, sources, known.runs)
-    return _without_surprises(sources, seen, surprises_of(sources, seen))
-
-
-def _without_surprises(sources: ErrorSources, seen: Observations, surprises: Sequence[Surprise]) -> Posterior:
+    surprises = surprises_of(sources, seen)
     left = [one.position for one in surprises if not one.used]
-    return Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
+    return seen, surprises, Posterior(sources, seen.only(np.setdiff1d(np.arange(seen.rows.size), left)))
 
 
 def _observations_of(result: StudyResult, sources: ErrorSources, runs: Sequence[ConfirmedRun]) -> Observations:
     """Return the measured levels whose uncertainty is known; those of failed setups are left out."""
     rows = dict(zip(result.setups.tolist(), range(len(result)), strict=True))
-    found = []
-    for run in runs:
+    found = list[tuple[float, ...]]()
+    for k, run in enumerate(runs):
         row = rows[run.setup]
         for name, value in run.values.items():
             m = sources.index(name)
             predicted = float(sources.predicted[row, m])
             if sources.bases[m] != UNKNOWN and predicted > 0.0 and value > 0.0:
                 noise = float(np.nan_to_num(sources.run_to_run[m])) / predicted
-                found.append((row, m, np.log(value / predicted), np.hypot(noise, sources.coupling[row, m]), run.file))
-    if not found:
-        return Observations.none()
-    *columns, files = zip(*found, strict=True)
-    rows_of, measures, changes, deviations = map(np.array, columns)
-    return Observations(rows_of, measures, changes, deviations, files)
+                found.append((row, m, k, np.log(value / predicted), np.hypot(noise, sources.coupling[row, m])))
+    columns = np.array(found).reshape(-1, 5).T
+    return Observations(*columns[:3].astype(np.int64), *columns[3:])
 
 
 def _drawn(
@@ -331,15 +324,20 @@ def _reference(result: StudyResult, chosen: Criterion, sources: ErrorSources) ->
 
 
 def _contradictions(
-    result: StudyResult, sources: ErrorSources, seen: Observations, surprises: Sequence[Surprise]
+    result: StudyResult,
+    runs: Sequence[ConfirmedRun],
+    sources: ErrorSources,
+    seen: Observations,
+    surprises: Sequence[Surprise],
 ) -> Iterator[Contradiction]:
     """Yield the measured levels that are improbable, most improbable first."""
     for one in sorted(surprises, key=lambda one: one.probability):
         row, m = int(seen.rows[one.position]), int(seen.measures[one.position])
         predicted = float(sources.predicted[row, m])
         measured = predicted * float(np.exp(seen.changes[one.position]))
-        yield Contradiction(seen.files[one.position], int(result.setups[row]), sources.names[m], predicted, measured,
-                            one.probability, one.used)  # fmt: skip
+        file = runs[int(seen.runs[one.position])].file
+        yield Contradiction(file, int(result.setups[row]), sources.names[m], predicted, measured, one.probability,
+                            one.used)  # fmt: skip
 
 
 def _remarks(posterior: Posterior, chosen: Criterion, drawn: Drawn, left_out: float) -> Iterator[str]:

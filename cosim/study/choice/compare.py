@@ -487,17 +487,8 @@ def _scatter(axes: Axes, comparison: Comparison, factor: float, own: NDArray[np.
 # ==== Plot of response measures of several runs ======================================================================
 
 
-def plot_measures(
-    runs: Mapping[str, TimeSeries], measures: Sequence[Measure], path: str | Path, *, title: str = "Response measures"
-) -> None:
-    """Plot each measure's change from the first run to the others in percent; measures of zero are omitted."""
-    from eightpost.report.pictures import save  # noqa: PLC0415 -- matplotlib takes long to load
-
-    save(changes(runs, measures, title=title), path)
-
-
 def changes(runs: Mapping[str, TimeSeries], measures: Sequence[Measure], *, title: str = "Response measures") -> Figure:
-    """Return the figure of `plot_measures`."""
+    """Return a figure of each measure's change from the first run to the others in percent, without those of zero."""
     from eightpost.report.pictures import COLORS, new_figure  # noqa: PLC0415 -- matplotlib takes long to load
 
     labels = list(runs)

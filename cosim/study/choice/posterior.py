@@ -72,26 +72,18 @@ _PAIRS, _DEGREES = 512, (DEGREES, 200.0)
 _FLOOR = 1e-6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Observations:
+class Observations(NamedTuple):
     """N measured levels."""
 
     rows: Integers  #: Rows of the setups (N,).
     measures: Integers  #: Positions of the measures (N,).
+    runs: Integers  #: Positions of the rig runs (N,).
     changes: Array  #: ln(measured / predicted) (N,).
     deviations: Array  #: Standard deviations due to run-to-run noise and coupling (N,) [1].
-    files: tuple[str, ...] = ()  #: Names of the records.
-
-    @classmethod
-    def none(cls) -> Observations:
-        """Return no levels."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty(0), np.empty(0))
 
     def only(self, kept: Integers) -> Observations:
         """Return some of the levels."""
-        files = tuple(self.files[k] for k in kept.tolist()) if self.files else ()
-        return Observations(self.rows[kept], self.measures[kept], self.changes[kept], self.deviations[kept], files)
+        return Observations(*(column[kept] for column in self))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,7 +189,7 @@ class Posterior:
         """Return the moments of the error of one measure of one setup; see `moments`."""
         seen = self.observations
         kept = self.sources.only(np.array([row, *seen.rows.tolist()], dtype=np.int64))
-        local = Observations(np.arange(1, seen.rows.size + 1), seen.measures, seen.changes, seen.deviations)
+        local = seen._replace(rows=np.arange(1, seen.rows.size + 1))
         middle, student, normal = Posterior(kept, local).moments(kept.only_measure(m))
         return float(middle[0]), float(student[0]), float(normal[0])
 

@@ -16,6 +16,7 @@ from arro3.core import DataType, Field, Schema
 from scipy.linalg import cho_factor, cho_solve, helmert
 
 from cosim.components.component import Variable
+from cosim.study.choice.certainty import OBJECTIVE
 from cosim.study.definition import Build, Parameters, SetupSpace
 from cosim.study.running.evaluator import Evaluator, coupling_of
 from cosim.study.running.sweep import Trials
@@ -317,9 +318,6 @@ def _rows(sensitivity: Sensitivity, unit: str) -> Iterator[dict[str, Any]]:
 
 
 # ==== Changes of every measure by a change at single corners: two runs of one setup, with and without it =============
-
-#: Name of the weighted sum of Eq 2.6 among the effects.
-OBJECTIVE = "objective"
 
 
 @dataclass(frozen=True, slots=True)

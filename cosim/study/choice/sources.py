@@ -53,17 +53,6 @@ def _stated_uncertainty(result: StudyResult, fmu: object) -> ModelUncertainty | 
         return None
 
 
-def _vehicle_uncertainties(result: StudyResult) -> dict[str, tuple[MeasureUncertainty | None, str]]:
-    """Return the uncertainty of each measure due to the vehicle, and its origin: stated, output or unknown.
-
-    The vehicle states the uncertainty of the RMS of its outputs and of the total tire force. That of a measure in a
-    band, in a section or of another statistic of the same size (peak, range) is approximated by that of its output, and
-    that of several outputs by the largest one. Means, shares, percentiles, work and user-defined measures are unknown.
-    """
-    stated, spectra = _stated_measures(result), result.provenance.above_band
-    return {one.name: _of(one, stated, result.study.vehicle.name, spectra.get(one.name)) for one in result.measures}
-
-
 def _stated_measures(result: StudyResult) -> Mapping[str, MeasureUncertainty]:
     found = _stated_uncertainty(result, result.study.vehicle.fmu)
     return {} if found is None else found.measures
@@ -81,9 +70,15 @@ def _plain_output(measure: Measure, vehicle: str, outputs: Mapping[str, MeasureU
     return TOTAL if set(names) == wheels and TOTAL in outputs else None
 
 
-def _of(
+def _vehicle_uncertainty(
     measure: Measure, stated: Mapping[str, MeasureUncertainty], vehicle: str, spectrum: AboveBand | None
 ) -> tuple[MeasureUncertainty | None, str]:
+    """Return the uncertainty of a measure due to the vehicle, and its origin: stated, output or unknown.
+
+    The vehicle states the uncertainty of the RMS of its outputs and of the total tire force. That of a measure in a
+    band, in a section or of another statistic of the same size (peak, range) is approximated by that of its output, and
+    that of several outputs by the largest one. Means, shares, percentiles, work and user-defined measures are unknown.
+    """
     shares = () if spectrum is None else spectrum.bands
     name = _plain_output(measure, vehicle, stated)
     if name is not None:
@@ -297,9 +292,10 @@ def error_sources(
     predicted, axes = _predicted_levels(result), Axes.of(result)
     positive = axes.positive
     done = result.done[:, None]
-    stated = _vehicle_uncertainties(result)
-    found = [stated[name][0] if positive[m] else None for m, name in enumerate(names)]
-    bases = [UNKNOWN if one is None else stated[n][1] for n, one in zip(names, found, strict=True)]
+    stated, spectra, car = _stated_measures(result), result.provenance.above_band, result.study.vehicle.name
+    pairs = [_vehicle_uncertainty(one, stated, car, spectra.get(one.name)) for one in result.measures]
+    found = [one if is_positive else None for (one, _), is_positive in zip(pairs, positive, strict=True)]
+    bases = [UNKNOWN if one is None else basis for one, (_, basis) in zip(found, pairs, strict=True)]
     if vehicle is VehicleSource.REPLACED:
         found = [None for _ in names]
     if vehicle is not VehicleSource.MODEL:

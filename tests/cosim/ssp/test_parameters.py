@@ -205,19 +205,30 @@ def test_an_error_names_a_constant_that_no_open_input_accepts(folder, unchanged)
 # ==== Factors and offsets on connections become gains and offsets of the system ======================================
 
 
-def test_transformations_apply_after_unit_conversion_or_replace_it_if_it_is_suppressed(folder):
-    linear = '<ssc:LinearTransformation factor="-2" offset="0.5"/>'
-    without_units(folder, "lpnl2")
-    shock = SHOCK.replace("m/s", "swift")
+ENDS = ("car.velocity", "shock.velocity")
+LINEAR = '<ssc:LinearTransformation factor="-2" offset="0.5"/>'
+RAISED = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
+SUPPRESSED = {"suppressUnitConversion": "true"}
 
-    def velocity(**attributes):
-        changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
-        return read(folder, corner(CAR + shock, changed + link("car.velocity", "shock.velocity", linear, **attributes)))
 
-    ends = ("car.velocity", "shock.velocity")
-    assert gains(velocity())[ends] == (pytest.approx(-2000.0), 0.5)
-    assert gains(velocity(suppressUnitConversion="true"))[ends] == (-2.0, 0.5)
-    assert gains(velocity(suppressUnitConversion="1"))[ends] == (-2.0, 0.5)
+@pytest.mark.parametrize(("unit", "inside", "attributes", "in_fmu", "gain"), [
+    ("swift", LINEAR, {}, False, (-2000.0, 0.5)), ("swift", LINEAR, SUPPRESSED, False, (-2.0, 0.5)),
+    ("swift", LINEAR, {"suppressUnitConversion": "1"}, False, (-2.0, 0.5)),
+    ("swift", "", {}, True, (1.0, 0.0)), ("swift", "", SUPPRESSED, True, (1e-3, 0.0)),
+    ("raised", "", {}, False, (2.0, -0.5)),
+], ids=["after", "instead", "by a number", "of both FMUs", "undone", "with an offset"])  # fmt: skip
+def test_units_are_converted_before_a_transformation_unless_that_is_suppressed(
+    folder, unit, inside, attributes, in_fmu, gain
+):
+    """1 swift is 1 mm/s; velocity [m/s] = 0.5 x + 0.25 in raised. The system converts between the units of FMUs."""
+    if in_fmu:
+        in_swift(folder, 0.001)
+    else:
+        without_units(folder, "lpnl2")
+    links = LINKS.replace(link(*ENDS), "") + link(*ENDS, inside, **attributes)
+    top = system("corner", CAR + SHOCK.replace("m/s", unit), links)
+    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", RAISED)))
+    assert gains(case)[ENDS] == pytest.approx(gain, rel=1e-12)
 
 
 @pytest.mark.parametrize(("engine", "factor"), [("python", 1.0), ("compiled", 0.5)])
@@ -268,26 +279,3 @@ def test_connectors_without_units_or_with_the_same_unknown_unit_are_not_converte
     ):
         case = read(folder, description(system("corner", change(CAR + SHOCK), LINKS), units=unknown), drive=None)
         assert set(gains(case).values()) == {(1.0, 0.0)}
-
-
-def test_suppressed_unit_conversion_undoes_the_conversion_between_two_fmus(folder):
-    """The system converts between the FMUs' units, but the package suppresses the conversion."""
-    in_swift(folder, 0.001)
-    shock = SHOCK.replace("m/s", "swift")
-    changed = LINKS.replace(link("car.velocity", "shock.velocity"), "")
-    plain, suppressed = (
-        gains(read(folder, corner(CAR + shock, changed + link("car.velocity", "shock.velocity", **given))))
-        for given in ({}, {"suppressUnitConversion": "true"})
-    )
-    ends = ("car.velocity", "shock.velocity")
-    assert plain[ends] == (pytest.approx(1.0), 0.0)
-    assert suppressed[ends] == (pytest.approx(1e-3), 0.0)
-
-
-def test_a_units_factor_and_offset_are_both_converted(folder):
-    without_units(folder, "lpnl2")
-    raised = '<ssc:Unit name="raised"><ssc:BaseUnit m="1" s="-1" factor="0.5" offset="0.25"/></ssc:Unit></ssd:Units>'
-    top = system("corner", CAR + SHOCK.replace("m/s", "raised"), LINKS)
-    case = read(folder, description(top, units=UNITS.replace("</ssd:Units>", raised)))
-    # velocity [m/s] = 0.5 x + 0.25
-    assert gains(case)["car.velocity", "shock.velocity"] == (2.0, -0.5)

@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.study.choice.assess import Knowledge, certainty_of
-from cosim.study.choice.certainty import (
-    Certainty,
-    Effect,
-    TradeOff,
-    VehicleSource,
-    certainty_reasons,
-    summary_lines,
-)
+from cosim.study.choice.certainty import Certainty, Effect, TradeOff, VehicleSource, certainty_reasons, summary_lines
 from cosim.study.choice.posterior import half_width, probability_below
 from cosim.study.definition import Constraint, Term
 from cosim.study.table import StudyResult, error_column

@@ -47,7 +47,8 @@ def test_conditioning_equals_that_of_an_independently_built_joint_normal_distrib
     fits = paired(lag("C/C", 0.01, 0.5), lag("B/C", -0.02, 0.0, "lr", "b"), 0.6)
     effects = (*fits, Effect("car", "k", 1.0, 0.0, {"a": 0.01}, {}))
     sources = error_sources(study, effects)
-    seen = Observations(np.array([3, 40]), np.array([0, 1]), np.array([0.02, -0.01]), np.array([0.003, 0.004]))
+    at, runs, errors = np.array([[3, 0], [40, 1]]).T, np.arange(2), np.array([[0.02, -0.01], [0.003, 0.004]])
+    seen = Observations(*at, runs, *errors)
     posterior = Posterior(sources, seen)
     scales = posterior.scales.typical
     rows = np.array([3, 40, 700])

@@ -16,23 +16,9 @@ from cosim.study.choice.assess import Knowledge, certainty_of, posterior_of
 from cosim.study.choice.compare import Comparison, changes, compare_runs, comparison_verdict, write_and_plot
 from cosim.study.choice.optimise import Optimum, Search, objectives_in_words, violation
 from cosim.study.choice.rig_day import Measured, comparisons, repeated, select, write_selection
-from cosim.study.choice.robust import (
-    Uncertain,
-    drawn_studies,
-    leading,
-    read_uncertainty,
-)
+from cosim.study.choice.robust import Uncertain, drawn_studies, leading, read_uncertainty
 from cosim.study.choice.sensitivity import sensitivities_of, write_terms
-from cosim.study.choice.shape_search import (
-    DrawnCar,
-    Problem,
-    Range,
-    Robustness,
-    ShockSpace,
-    VehicleDraws,
-    band,
-    search,
-)
+from cosim.study.choice.shape_search import DrawnCar, Problem, Range, Robustness, ShockSpace, VehicleDraws, band, search
 from cosim.study.definition import Build, Constraint, Term
 from cosim.study.measures import Measure
 from cosim.study.running.evaluator import Coupling

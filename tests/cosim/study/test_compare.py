@@ -12,13 +12,7 @@ from scipy import stats
 
 from cosim.session.result import SavedRun
 from cosim.study.choice.certainty import Levels
-from cosim.study.choice.compare import (
-    Comparison,
-    RunComparison,
-    compare_runs,
-    comparison_verdict,
-    write_and_plot,
-)
+from cosim.study.choice.compare import Comparison, RunComparison, compare_runs, comparison_verdict, write_and_plot
 from cosim.study.choice.rig_day import (
     BASELINE_RUNS,
     Measured,

@@ -12,12 +12,7 @@ from cosim import Bond, FmuComponent, Scenario, System, run
 from eightpost.ident.vehicle.simulation import ManySetups
 from eightpost.shock import LAWS, Shock
 from eightpost.signals import Drivefile, TimeSeries
-from eightpost.vehicle import (
-    IdentifiedVehicle,
-    add_port_damping,
-    read_vehicle,
-    shipped,
-)
+from eightpost.vehicle import IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 
 RATE, BASELINE = 2000.0, 3000.0
 TIME = np.arange(2001) / RATE

@@ -10,8 +10,8 @@ import pytest
 
 from cosim.study.choice.rig_day import select
 from cosim.study.choice.sensitivity import available_sensitivities
-from cosim.study.page import page, sheet_of
-from cosim.study.sheet import Extras
+from cosim.study.page import page
+from cosim.study.sheet import Extras, sheet_of
 
 FRONT, TIRE, HUB = "front ride height, RMS", "total tire force, RMS", "rf hub acceleration, RMS"
 IN, LBF = 0.0254, 4.4482216152605  # exact definitions
