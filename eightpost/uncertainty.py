@@ -159,8 +159,10 @@ class MeasureUncertainty:
         """
         if not 0.0 < level < 1.0:
             raise ParameterError(f"the level of an interval is {level!r}; it must be between 0 and 1, e.g. 0.95")
+        from scipy.special import stdtrit  # noqa: PLC0415 -- slow to load, and most callers need no interval
+
         scale = math.hypot(self.common, self.own * apart)
-        return math.expm1(scale * _student_quantile(0.5 + 0.5 * level))
+        return math.expm1(scale * float(stdtrit(DEGREES, 0.5 + 0.5 * level)))
 
     def probability_below(self, first: float, second: float, *, distance: float) -> float:
         """Return the probability that the first setup's true value is below that of the second; 0.5 if equal."""
@@ -168,36 +170,9 @@ class MeasureUncertainty:
         scale = self.own * separation(distance, change)
         if scale == 0.0:
             return 0.5 if change == 0.0 else float(change > 0.0)
-        return _student_probability(change / scale)
+        from scipy.special import stdtr  # noqa: PLC0415 -- slow to load, and most callers need no order
 
-
-def _student_probability(value: float) -> float:
-    """Return the probability of at most a value under Student's t distribution with four degrees of freedom.
-
-        1/2 + 3/4 r - 1/4 r^3,    r = t / sqrt(4 + t^2)
-
-    >>> round(student_probability(2.776), 4)
-    0.975
-
-    Source: W. T. Shaw, Sampling Student's T distribution, Journal of Computational Finance 9 (2006) 37-73.
-    """
-    r = value / math.hypot(2.0, value)
-    return 0.5 + 0.75 * r - 0.25 * r**3
-
-
-def _student_quantile(probability: float) -> float:
-    """Return the value of a probability under Student's t distribution with four degrees of freedom.
-
-        t = sign(p - 1/2) 2 sqrt(q - 1),    q = cos(acos(sqrt(a)) / 3) / sqrt(a),    a = 4 p (1 - p)
-
-    >>> round(student_quantile(0.975), 3)
-    2.776
-
-    Source: W. T. Shaw, Sampling Student's T distribution, Journal of Computational Finance 9 (2006) 37-73.
-    """
-    root = math.sqrt(4.0 * probability * (1.0 - probability))
-    size = 2.0 * math.sqrt(max(math.cos(math.acos(min(root, 1.0)) / 3.0) / root - 1.0, 0.0))
-    return math.copysign(size, probability - 0.5)
+        return float(stdtr(DEGREES, change / scale))
 
 
 def separation(distance: float, change: float) -> float:

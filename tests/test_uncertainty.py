@@ -1,8 +1,9 @@
-"""Uncertainty of models, and what the errors of several fits have in common."""
+"""Uncertainty of measures and models, and what the errors of several fits have in common."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -19,10 +20,14 @@ from eightpost.uncertainty import (
     BLOCKS,
     FittedParameter,
     LeftOutBlocks,
+    MeasuredLevel,
     MeasureUncertainty,
     correlation_of,
-    left_out_of,
+    local_features,
+    separation,
+    setup_distance,
     square_root,
+    unseen,
 )
 from eightpost.validity import ModelUncertainty, ParameterUncertainty, Validity, judged
 from eightpost.verdict import Verdict
@@ -169,11 +174,6 @@ def test_builds_of_one_fit_have_one_error_also_beside_other_builds():
     assert np.abs(found[0, 2:]).max() < 0.5
 
 
-def test_few_blocks_show_no_correlation():
-    few = LeftOutBlocks.of(VELOCITY[:4], {"lag": np.array([1.0, 2.0, 0.0, 4.0])})
-    np.testing.assert_array_equal(correlation_of(parameters(few, few)), np.eye(2))
-
-
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**31), count=st.integers(2, 12), size=st.integers(8, 30), rank=st.integers(1, 12))
 def test_a_correlation_has_a_root_and_modes_that_keep_the_variance(seed, count, size, rank):
@@ -203,8 +203,69 @@ def test_a_parameter_that_does_not_change_or_is_not_known_is_omitted():
     assert set(found.changes) == {"stiff"}
 
 
-def test_changes_survive_their_document():
-    found = blocks(lag=np.sin(np.arange(60.0)))
-    text = json.dumps(found.section(), allow_nan=False)
-    assert left_out_of(json.loads(text)) == found
-    assert len(text) < 1200
+# ---- Number by number, and the limits that decide ------------------------------------------------------------------
+
+SHARES = np.array(
+    [[1, 2, 4, 8, 6, 3, 2, 1, 1, 0.5, 0], [1, 1, 2, 3, 8, 9, 5, 4, 2, 1, 1], [9, 5, 2, 1, 0, 0, 0, 0, 0, 0, 0]]
+)
+SHARES = SHARES / SHARES.sum(axis=1, keepdims=True)
+
+
+def _levels(error: float) -> list[MeasuredLevel]:
+    return [
+        MeasuredLevel(error, 0.01, 0.08, tuple(SHARES[0])),
+        MeasuredLevel(error + 0.02, 0.02, 0.05, tuple(SHARES[1])),
+    ]
+
+
+def test_the_uncertainty_of_a_measure_is_the_same_on_every_drive(unchanged: Callable[..., None]) -> None:
+    found = {}
+    for error in (0.0, 0.03, -0.15):
+        known = MeasureUncertainty.of_levels(_levels(error), 0.2)
+        for k, shares in enumerate(SHARES):
+            on = known.on_drive(shares.tolist())
+            found[f"error {error} on drive {k}"] = [on.common, on.own, on.bias]
+        found[f"error {error}"] = {
+            "intervals": [known.interval(10.0, level, distance=0.03, change=0.1) for level in (0.5, 0.9, 0.99)],
+            "widths": [known.half_width(apart) for apart in (0.0, 0.05, 1.0)],
+            "below": [known.probability_below(first, 1.0, distance=0.05) for first in (0.8, 0.99, 1.0, 1.3)],
+        }
+    found["separations"] = [separation(d, c) for d in (0.0, 0.01, 0.1) for c in (-0.02, 0.0, 0.3)]
+    found["unseen"] = [unseen(first, second) for first in SHARES for second in SHARES]
+    found["distance"] = setup_distance({"a": 1.0, "b": 2.0}, {"a": 1.1, "b": 1.7})
+    unchanged(found)
+
+
+def test_products_of_the_features_of_setups_are_the_same(unchanged: Callable[..., None]) -> None:
+    positions = np.random.default_rng(1).normal(0.0, 0.004, (6, 33))
+    found = {count: local_features(positions[:, :count]) for count in (0, 1, 3, 31, 32, 33)}
+    unchanged({f"{count} measures": features @ features.T for count, features in found.items()})
+
+
+def _blocks(seed: int, count: int = 40, common: float = 1.0) -> LeftOutBlocks:
+    same, own = np.random.default_rng(1), np.random.default_rng(seed)
+    velocity = 0.2 + 0.1 * same.uniform(size=count)
+    shared = same.normal(size=(2, count))
+    changes = {name: common * shared[k] + own.normal(size=count) for k, name in enumerate(("slope", "lag"))}
+    return LeftOutBlocks.of(velocity, {**changes, "fixed": np.ones(count)})
+
+
+def test_the_correlation_of_fits_is_the_same(unchanged: Callable[..., None]) -> None:
+    parts = [_blocks(2), _blocks(3), _blocks(4, common=0.3), _blocks(5, 250), _blocks(6, 7), _blocks(7, 7)]
+    parameters = [FittedParameter(part, name) for part in (*parts, None, parts[0]) for name in ("slope", "lag", "none")]
+    found = correlation_of(parameters)
+    unchanged({
+        "correlation": found, "row": found[0], "root": square_root(found)[0],
+        "sections": [part.section() for part in (parts[4],)], "blocks": [len(part.velocity) for part in parts],
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("factor", "count", "same"), [(1.09, 40, True), (1.12, 40, False), (1.0, 8, True), (1.0, 7, False)]
+)
+def test_two_tests_are_the_same_up_to_a_tenth_of_their_velocities_and_from_eight_blocks(
+    factor: float, count: int, same: bool
+) -> None:
+    first = _blocks(2, count)
+    other = LeftOutBlocks(tuple(factor * value for value in first.velocity), first.changes)
+    assert first.has_the_test_of(other) is other.has_the_test_of(first) is same

@@ -22,8 +22,6 @@ from eightpost.uncertainty import (
     MeasuredLevel,
     MeasureUncertainty,
     _drive_distance,
-    _student_probability,
-    _student_quantile,
     band_shares,
     local_features,
     separation,
@@ -85,7 +83,7 @@ def test_the_order_of_setups_is_less_sure_if_other_measures_differ_but_never_sur
     """Without any other difference, the order is that of a slope error `own` against a slope of 1."""
     one = MeasureUncertainty(0.0, own)
     below = one.probability_below(1.0, math.exp(change), distance=distance)
-    assert below <= _student_probability(1.0 / own) + 1e-12
+    assert below <= student.cdf(1.0 / own, DEGREES) + 1e-12
     assert below == pytest.approx(student.cdf(change / (own * separation(distance, change)), DEGREES))
 
 
@@ -138,13 +136,6 @@ def test_the_uncertainty_of_earlier_versions_is_that_of_their_tests():
     assert found.measures == expected
     assert found.to_json()["measures"] == {"a": older}, "the digest of the file stays right"
     assert checked(Trust, {"outputs": {}}).measures == {}
-
-
-@given(probability=st.floats(1e-6, 1.0 - 1e-6))
-def test_the_closed_forms_are_students_distribution(probability):
-    value = _student_quantile(probability)
-    assert value == pytest.approx(student.ppf(probability, DEGREES), rel=1e-6, abs=1e-7)
-    assert _student_probability(value) == pytest.approx(probability, abs=1e-9)
 
 
 # ---- Measured errors and other drives -------------------------------------------------------------------------------
