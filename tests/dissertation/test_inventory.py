@@ -1,7 +1,5 @@
 """The inventory has every numbered figure and table of chapters 3 to 7, each with a computation or a reason."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Each style of a line is drawn as such, with the points that the page needs."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

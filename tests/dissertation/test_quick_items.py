@@ -1,7 +1,5 @@
 """Items that need no records agree with print: equations, tables and the responses of chapters 4 and 5."""
 
-from __future__ import annotations
-
 import pytest
 
 from dissertation import QUICK, Basis, State, chosen, inventory, reproduce

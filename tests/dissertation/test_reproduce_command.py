@@ -1,7 +1,5 @@
 """`eightpost reproduce` prints a line per item, writes one offline page, and its exit code says what it found."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

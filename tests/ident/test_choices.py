@@ -1,7 +1,5 @@
 """Unknown options are rejected by name; doubtful results are reported."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

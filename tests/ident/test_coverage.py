@@ -1,7 +1,5 @@
 """The 95 % intervals contain the true values in 95 % of random shocks, with residuals coloured as on a dynamometer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The Jacobians that the optimiser runs on are derivatives, and its rows are the low-passed force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

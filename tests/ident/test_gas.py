@@ -1,7 +1,5 @@
 """The gas force is estimated, left to the car, or already subtracted; the curve always passes through zero."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The lag of whole records agrees with the scalar law's, and its sensitivity is its derivative by tau."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The preparation follows the record, and every departure from the dissertation's choices is reported."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

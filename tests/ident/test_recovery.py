@@ -1,7 +1,5 @@
 """Fits recover known shocks from their records."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

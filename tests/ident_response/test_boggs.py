@@ -1,7 +1,5 @@
 """Tests of the dissertation's identification chain, compared with the car that was tested."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Tests of `eightpost identify`: the vehicle that it writes, and its messages for bad files."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Settings and responses of an identification are refused just outside their ranges, and accepted just inside."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tests of model reduction and of the simulation of many setups, each against an independent construction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Frequency responses, their files, their errors, and their residual fits and smoothing."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 

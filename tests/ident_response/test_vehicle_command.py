@@ -1,7 +1,5 @@
 """Tests of `eightpost vehicle` and of its parameter study."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """Fixtures: the C sources of every FMU, compilers and instances."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

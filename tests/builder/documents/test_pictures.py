@@ -1,7 +1,5 @@
 """The picture and the icon."""
 
-from __future__ import annotations
-
 import io
 
 import matplotlib

@@ -1,7 +1,5 @@
 """The uncertainty of an output: excitation of a test, sizes with several dampers, and the factor of the misfit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The FMU of an identified car, coupled with shock FMUs, gives the same result as the closed loop of the library."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

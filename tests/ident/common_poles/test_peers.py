@@ -1,7 +1,5 @@
 """Comparison with other packages: vector fitting of scikit-rf, and a response estimated by pyFRF."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stability of a car with any shocks, and the ranges of its tests."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Every figure of a run is that of a shock whose closed form is known."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Port springs at another mean load than that of the tests: the stiffness and the travel of the true car there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 

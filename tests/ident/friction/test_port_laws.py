@@ -1,7 +1,5 @@
 """Tests of the forces of bristles and port springs in a record."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Tests of the plots of a fit: all data are in them, and nothing of an output that was plotted before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

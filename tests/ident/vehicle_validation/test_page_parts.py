@@ -1,7 +1,5 @@
 """Tables, figures and reasons of the validation of a vehicle, from results that are known."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

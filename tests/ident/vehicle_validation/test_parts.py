@@ -1,7 +1,5 @@
 """Tests of parts of the validation whose results are known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests of the static rating on a car whose stiffness is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests of `eightpost validate` on a vehicle: recognition of the file, exit codes and page."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

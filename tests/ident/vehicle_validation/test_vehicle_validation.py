@@ -1,7 +1,5 @@
 """Tests of the validation of vehicles: good and bad cars are recognised, for the right reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
