@@ -30,17 +30,9 @@ with needs("report", "drawing pictures"):
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes",
-    "Figure",
-    "Picture",
-    "color_cells",
-    "new_figure",
-    "panels_of",
-    "plain_style",
-    "png",
-    "save",
+    "Axes", "Figure", "Picture", "color_cells", "new_figure", "panels_of", "plain_style", "png", "save",
     "ticks_at_1_2_5",
-]
+]  # fmt: skip
 
 
 def new_figure(width: float, height: float, **options: Any) -> Figure:
