@@ -12,7 +12,7 @@ from eightpost.vehicle import read_vehicle, shipped
 from tests.drawn import drawn as described
 
 from .conftest import truth_fit
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 OUTPUTS = ("velocity", "tire_force", "ride_height")
 

@@ -18,7 +18,7 @@ from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 
 from .conftest import softer
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 Run = Callable[..., Result]
 

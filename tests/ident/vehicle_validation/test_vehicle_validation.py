@@ -21,7 +21,7 @@ from eightpost.verdict import Grade
 from tests.drawn import figures_of, rows_of_page
 
 from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 
 @pytest.fixture(scope="module")
