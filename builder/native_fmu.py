@@ -101,7 +101,7 @@ def _build_members(identifier: str, files: Iterable[str], fmi: int) -> dict[str,
 # ==== Native FMUs ====================================================================================================
 
 #: Endings of the program's files that an FMU depends on.
-_PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json")
+_PROGRAM = (".py", ".c", ".h", ".css", ".html", ".js", ".txt", ".toml", ".json", ".png")
 
 # ---- The C sources of one FMU ---------------------------------------------------------------------------------------
 

@@ -27,12 +27,11 @@ with needs("report", "drawing pictures"):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
-    from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
     from matplotlib.ticker import LogLocator, NullLocator
 
 __all__ = [
-    "Axes", "Circle", "FancyBboxPatch", "Figure", "Picture", "Rectangle", "color_cells",
-    "new_figure", "panels_of", "plain_style", "png", "save", "ticks_at_1_2_5",
+    "Axes", "Figure", "Picture", "color_cells", "new_figure", "panels_of", "plain_style", "png", "save",
+    "ticks_at_1_2_5",
 ]  # fmt: skip
 
 

@@ -3,8 +3,6 @@
 Defects are entries of check_defects*.toml.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import importlib.util

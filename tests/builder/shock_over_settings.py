@@ -1,7 +1,5 @@
 """Shocks of every law with two adjusters, the temperature, and a combination of the adjusters."""
 
-from __future__ import annotations
-
 from eightpost.shock import LAWS, Port, Shock, fit_parameters
 
 from ..shock.example_curve import example_settings, knot_curve

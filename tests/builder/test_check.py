@@ -1,7 +1,5 @@
 """`check` passes clean FMUs, reports the defects of others, and never fails because of an FMU's behaviour."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource

@@ -1,7 +1,5 @@
 """The calls that each probe makes, what it finds, and from which error on it finds one: none of it changes unseen."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import re

@@ -4,8 +4,6 @@ Defects of modelDescription.xml and of the C code are in check_defects.toml, tho
 check_defects_archive.toml.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import zipfile

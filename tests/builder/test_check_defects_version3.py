@@ -3,8 +3,6 @@
 The defects are in check_defects_version3.toml.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

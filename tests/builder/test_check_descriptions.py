@@ -1,7 +1,5 @@
 """What is read from modelDescription.xml of other makers' FMUs, of both versions: no entry changes unseen."""
 
-from __future__ import annotations
-
 import dataclasses
 import xml.etree.ElementTree as ET
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Probes of check on constructed FMUs: what they derive from a description, and what they find."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import random

@@ -1,7 +1,5 @@
 """Execution of a check: unusual surroundings, sources that are compiled, and how the end of a process is read."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

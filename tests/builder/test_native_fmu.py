@@ -1,7 +1,5 @@
 """The archive of open and confidential native FMUs, and the agreement of its sources with its binaries."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """FMUs of shocks over their settings: clicks and temperature change the running FMU as they change the law."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -25,14 +25,6 @@ from eightpost.vehicle import (
 OUTPUTS = ("force", "static_force", "lagged_force", "lag_weight", "dissipated_power", "beyond_fit")
 
 
-def run_library(law, moves):
-    lagged, rows = law.start(0.0), []
-    for step, velocity, displacement in moves:
-        lagged = law.advance(lagged, velocity, velocity, step)
-        rows.append(law.response(lagged, velocity, displacement))
-    return np.array(rows)
-
-
 def run_fmu(fmu, moves):
     fmu.set(("velocity", "displacement"), (0.0, 0.0))
     fmu.end_initialization()
@@ -43,22 +35,6 @@ def run_fmu(fmu, moves):
         time += step
         rows.append(fmu.get(OUTPUTS))
     return np.array(rows)
-
-
-def test_two_shocks_stepped_alternately_in_one_process_do_not_interact(python_component, shocks):
-    moves = [(1e-3, 0.4 * np.sin(0.05 * k), 0.0) for k in range(200)]
-    pair = [python_component(name) for name in ("lpf1", "lpnl2")]
-    for fmu in pair:
-        fmu.set(("velocity", "displacement"), (0.0, 0.0))
-        fmu.end_initialization()
-    rows = {0: [], 1: []}
-    for k, (step, velocity, displacement) in enumerate(moves):
-        for index, fmu in enumerate(pair):
-            fmu.set(("velocity", "displacement"), (velocity, displacement))
-            fmu.step(k * step, step)
-            rows[index].append(fmu.get(OUTPUTS))
-    for index, name in enumerate(("lpf1", "lpnl2")):
-        np.testing.assert_allclose(rows[index], run_library(shocks[name].law, moves), rtol=1e-12, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -212,9 +188,6 @@ def test_a_python_fmu_that_ran_in_this_process_does_not_affect_the_next_build(tm
 # ---- Vehicles --------------------------------------------------------------------------------------------------------
 
 
-CARS = ("seven_dof", "quarter_car")
-
-
 def model_of(name):
     return read_vehicle(shipped(name)).coupled()
 
@@ -229,45 +202,6 @@ def test_static_values_are_added_to_their_outputs_and_come_from_the_vehicle_file
     assert starts["lf.static_tire_force"] == 3000.0
     assert starts["front.static_ride_height"] == 0.1
     assert starts["rr.static_tire_force"] == 0.0
-
-
-PORTS = {"seven_dof": ("lf.", "rf.", "lr.", "rr."), "quarter_car": ("",)}
-
-
-def at_ports(name, variable):
-    return tuple(f"{port}{variable}" for port in PORTS[name])
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_friction_does_not_affect_the_equilibrium_start(python_component, name):
-    model = model_of(name)
-    u = np.where([c.unit == "m" for c in model.inputs], 0.01, 500.0) * np.linspace(-1.0, 1.0, len(model.inputs))
-    found = []
-    for force in (0.0, 200.0):
-        fmu = python_component(name, **dict.fromkeys(at_ports(name, "friction_force"), force))
-        fmu.set(model.input_names, u)
-        fmu.end_initialization()
-        fmu.step(0.0, 0.01)
-        found.append(fmu.get(model.output_names))
-    np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-7)
-
-
-@pytest.mark.parametrize("name", CARS)
-def test_a_restored_state_with_friction_continues_bit_for_bit(python_component, name):
-    fmu, outputs = (
-        python_component(name, **dict.fromkeys(at_ports(name, "friction_force"), 150.0)),
-        model_of(name).output_names,
-    )
-    fmu.end_initialization()
-    fmu.set(at_ports(name, "force")[:1], (500.0,))
-    fmu.step(0.0, 1e-3)
-    state = fmu._slave.getFMUstate()
-    fmu.step(1e-3, 2e-3)
-    first = fmu.get(outputs)
-    fmu.set(at_ports(name, "friction_force")[:1], (20.0,))
-    fmu._slave.setFMUstate(state)
-    fmu.step(1e-3, 2e-3)
-    assert fmu.get(outputs) == first
 
 
 @pytest.mark.parametrize(

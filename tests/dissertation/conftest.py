@@ -1,7 +1,5 @@
 """What the tests of all chapters need: plots that are not drawn, and the claims of findings."""
 
-from __future__ import annotations
-
 import pytest
 
 

@@ -1,7 +1,5 @@
 """Statements about the fits of chapter 3 are true of errors that were made so, and false of others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

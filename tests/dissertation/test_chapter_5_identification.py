@@ -1,7 +1,5 @@
 """Statements about the identified car of chapter 5 are true of responses that were made so, and false of others."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

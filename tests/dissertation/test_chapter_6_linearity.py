@@ -1,7 +1,5 @@
 """Statements about one input at a time (6.2) are true of paths that were made so, and false of others."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Statements about the identified stand-in (6.4) are true of signals that were made so, and false of others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

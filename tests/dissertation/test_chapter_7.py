@@ -1,7 +1,5 @@
 """Chapter 7's statements about setups are true of measures that were made so, and false of others."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

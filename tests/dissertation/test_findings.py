@@ -1,7 +1,5 @@
 """Differences are stated in words that follow from the numbers, and judged by the stated tolerance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

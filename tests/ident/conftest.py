@@ -1,7 +1,5 @@
 """Synthetic dynamometer records for the tests of the shock fit."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rising curves, and records of laws that random multisines drive, for the tests of fits."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exact rig records of the dissertation's linear cars, computed from the spectra of periodic drives."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

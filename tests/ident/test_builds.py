@@ -1,7 +1,5 @@
 """Records of several builds are fitted together: builds are left out, and their spread is stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sizes at which a fit decides otherwise: segment, cutoff, rate, motions, bounds, the verdict and the notes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

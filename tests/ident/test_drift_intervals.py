@@ -1,7 +1,5 @@
 """Intervals of a shock that warms or drifts contain its states during the record."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

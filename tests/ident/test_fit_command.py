@@ -1,7 +1,5 @@
 """`eightpost fit`: tables and runs of a file are fitted, and suspicious records are reported."""
 
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import replace

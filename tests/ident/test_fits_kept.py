@@ -1,7 +1,5 @@
 """The numbers of whole fits: every law by both recipes, treatments of gas, outliers, builds, slow and short records."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

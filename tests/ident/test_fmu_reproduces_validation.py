@@ -5,8 +5,6 @@ inputs only), so here its callback between the steps does. The python target tak
 both sides.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts of the records are left out of the fit and predicted."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from types import SimpleNamespace

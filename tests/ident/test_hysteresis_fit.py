@@ -1,7 +1,5 @@
 """The fit of the law Hysteresis finds known parameters, and a stop only where the records show one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

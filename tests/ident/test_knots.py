@@ -1,7 +1,5 @@
 """A curve through knots rises everywhere, is linear in its slopes, and fits where polynomials do not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

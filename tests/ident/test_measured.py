@@ -1,7 +1,5 @@
 """Measured records, if EIGHTPOST_DATA names their folder; none of them is part of the project."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

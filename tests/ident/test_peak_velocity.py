@@ -1,7 +1,5 @@
 """A peak-velocity table becomes a curve that passes through its points and does not oscillate between them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Joint and boggs on the shipped records: the ordering of Table 3.4, on the fit and on another phase draw."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

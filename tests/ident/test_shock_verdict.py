@@ -1,7 +1,5 @@
 """The verdict of a fit follows from its errors and from the strokes of its records, within the range that it states."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace

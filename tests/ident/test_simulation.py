@@ -1,7 +1,5 @@
 """A simulated record equals the scalar law stepped through it, for every law and any port."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location

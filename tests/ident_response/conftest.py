@@ -1,7 +1,5 @@
 """Fixtures with rig tests of the dissertation's two cars, simulated once per session."""
 
-from __future__ import annotations
-
 import pytest
 
 from eightpost.corners import CORNERS

@@ -1,7 +1,5 @@
 """Simulation of rig tests of cars with linear shocks, mode by mode with scipy's recursive filter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

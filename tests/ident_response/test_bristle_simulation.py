@@ -1,7 +1,5 @@
 """Simulations of an identified car with bristle and spring: compiled, port by port, and by the kernel of the FMU."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

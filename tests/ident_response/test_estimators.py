@@ -1,7 +1,5 @@
 """Estimated frequency responses: those of cars that were tested, coherence and variance, and noise of the inputs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

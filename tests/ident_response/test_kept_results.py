@@ -1,7 +1,5 @@
 """Estimates, fits and simulations of identified cars are those in tests/results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

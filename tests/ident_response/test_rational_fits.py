@@ -1,7 +1,5 @@
 """Tests of rational fits, their parallel realisation, and simulation with shocks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import residue

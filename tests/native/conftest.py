@@ -1,7 +1,5 @@
 """Fixtures: the C sources of every FMU, compilers and instances."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess
@@ -138,66 +136,46 @@ def c_level_3() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
-def folders(fmus: dict[str, Path], assembled: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def folders(fmus: dict[str, Path], assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return unpacked native FMUs by name."""
-    found = {}
-    for name, path in (fmus | {"assembly": assembled}).items():
-        found[name] = tmp_path_factory.mktemp(name)
-        extract_archive(path, found[name])
-    return found
+    return _unpacked(fmus, assembly, tmp_path_factory, 2)
 
 
 @pytest.fixture(scope="session")
-def folders_3(fmus3: dict[str, Path], assembled_3: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def folders_3(fmus3: dict[str, Path], assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return unpacked native FMUs of FMI 3.0 by name."""
-    found = {}
-    for name, path in (fmus3 | {"assembly": assembled_3}).items():
-        found[name] = tmp_path_factory.mktemp(f"{name}_3")
-        extract_archive(path, found[name])
-    return found
+    return _unpacked(fmus3, assembly, tmp_path_factory, 3)
 
 
-@pytest.fixture(scope="session")
-def assembled(assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The FMU of the assembly."""
-    return _assembled(assembly, tmp_path_factory, 2)
-
-
-@pytest.fixture(scope="session")
-def assembled_3(assembly: Assembly, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The FMU of FMI 3.0 of the assembly."""
-    return _assembled(assembly, tmp_path_factory, 3)
-
-
-def _assembled(assembly: Assembly, factory: pytest.TempPathFactory, fmi: int) -> Path:
+def _unpacked(fmus: dict[str, Path], assembly: Assembly, factory: pytest.TempPathFactory, fmi: int) -> dict[str, Path]:
     path = factory.mktemp("assembled") / "assembly.fmu"
     source = without_binaries(assembly, assembly_interface(assembly), fmi)
     (members,) = compiled([source], toolchain=find_toolchain())
     write_archive(path, members)
-    return path
+    found = {}
+    for name, file in (fmus | {"assembly": path}).items():
+        found[name] = factory.mktemp(f"{name}_{fmi}")
+        extract_archive(file, found[name])
+    return found
 
 
 @pytest.fixture
-def host(folders: dict[str, Path], c_level: ModuleType) -> Iterator[Callable[..., object]]:
+def host(folders: dict[str, Path]) -> Iterator[Callable[..., object]]:
     """Make instances of FMUs by name; they are freed with the test."""
-    made = []
-
-    def make(model: str, **options: object) -> object:
-        made.append(c_level.Host(folders[model], **options))
-        return made[-1]
-
-    yield make
-    for item in made:
-        item.free()
+    yield from _instances(folders, host_module.Host)
 
 
 @pytest.fixture
-def host_3(folders_3: dict[str, Path], c_level_3: ModuleType) -> Iterator[Callable[..., object]]:
+def host_3(folders_3: dict[str, Path]) -> Iterator[Callable[..., object]]:
     """Make instances of FMUs of FMI 3.0 by name; they are freed with the test."""
+    yield from _instances(folders_3, host3_module.Host3)
+
+
+def _instances(folders: dict[str, Path], kind: type[host_module.Host]) -> Iterator[Callable[..., object]]:
     made = []
 
     def make(model: str, **options: object) -> object:
-        made.append(c_level_3.Host3(folders_3[model], **options))
+        made.append(kind(folders[model], **options))
         return made[-1]
 
     yield make

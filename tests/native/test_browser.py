@@ -1,7 +1,5 @@
 """The functions of an FMU for a page, compiled for this machine, give what an instance gives."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable

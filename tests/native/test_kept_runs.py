@@ -1,7 +1,5 @@
 """Runs and messages of native FMUs: no number changes unseen."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The Windows libraries of the FMUs, loaded by a Windows program under Wine, against the Linux ones."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -83,53 +83,11 @@ def scaled(row, low, high):
     return put
 
 
-def shifted(row, low, high):
-    def put(columns, generator):
-        shift = int(generator.integers(low, high)) * int(generator.choice([-1, 1]))
-        moved = np.roll(columns, shift, axis=1)[row]
-        columns[row] = moved
-        return text(columns[:, high:-high])
-
-    return put
-
-
-def offset(row, low, high):
-    """Return a change that adds a share of the range, with a random sign or (low < 0) the sign of the bounds."""
-
-    def put(columns, generator):
-        sign = int(generator.choice([-1, 1])) if low > 0.0 else 1
-        columns[row] += sign * generator.uniform(low, high) * np.ptp(columns[row])
-        return text(columns)
-
-    return put
-
-
-def sampled_and_held(columns, generator):
-    slow = int(generator.integers(2, 8))
-    kept = slow * (np.arange(COUNT) // slow)
-    return text(np.vstack([columns[:1], columns[1:, kept]]))
-
-
-def spike(row):
-    def put(columns, generator):
-        i = int(generator.integers(60, COUNT - 60))
-        columns[row, i] += generator.choice([-1, 1]) * generator.uniform(0.6, 3.0) * np.ptp(columns[row])
-        return text(columns)
-
-    return put
-
-
 def renamed(row, name):
     def put(columns, generator):
         return text(columns, (*NAMES[:row], name, *NAMES[row + 1 :]))
 
     return put
-
-
-def other_noise(columns, generator):
-    """Replace the force by a signal that is independent of the velocity."""
-    columns[F] = 500.0 * generator.standard_normal(COUNT)
-    return text(columns)
 
 
 #: Change of the record, and the expected error.
@@ -146,7 +104,7 @@ REFUSED = {
     "no time": (renamed(T, "n [1]"), errors.MissingChannelError),
 }
 
-#: Change of the record, and the expected text of one of its findings or notes.
+#: Change of the record, and the text of one of its findings or notes; test_limits_of_findings.py has the others.
 FOUND = {
     "a dead velocity": (dead(V), "the column 'v' was not read: it is constant"),
     "a dead displacement": (dead(X), "the column 'x' was not read: it is constant"),
@@ -154,26 +112,9 @@ FOUND = {
     # clipped near the middle of its range, a velocity may have no sign left
     "a saturated velocity": (saturated(V), "the velocity is clipped|'v' was not read: it is a magnitude"),
     "a saturated force": (saturated(F), r"the force is clipped: [\d.]+ % of the samples are at -?[\d.]+ N"),
-    "a saturated displacement": (saturated(X), r"the displacement is clipped: [\d.]+ % of the samples are at -?[\d.]+"),
-    "an offset of velocity": (offset(V, 0.02, 0.3), "the mean of velocity is off|velocity is .* times the slope"),
-    "a velocity with a wrong gain": (scaled(V, 1.08, 1.3), "velocity is 1.* times the slope of displacement"),
-    "a load cell off zero": (offset(F, -0.6, -0.35), "the force at standstill is negative.*zero the load cell"),
-    "a load cell far off zero": (offset(F, 0.7, 3.0), "the force at standstill is (large|negative).*load cell"),
-    "a force shifted in time": (shifted(F, 7, 16), "the force is (later|earlier) than a shock makes it"),
-    "a displacement shifted in time": (shifted(X, 3, 16), "velocity (follows|leads) the slope of displacement"),
-    "samples held": (sampled_and_held, "samples repeat the one before"),
     "samples lost and joined": (lost_and_joined, "the displacement jumps|off the slope of displacement"),
-    "a spike in force": (spike(F), "the force jumps"),
-    "a spike in velocity": (spike(V), "the velocity jumps"),
-    "a spike in displacement": (spike(X), "the displacement jumps"),
     "velocity in the wrong unit": (renamed(V, "v [m/s]"), "velocity in mm/s labelled m/s"),
-    "displacement in the wrong unit": (
-        renamed(X, "x [in]"),
-        "slope of displacement is 2.* times the velocity: displacement is in mm",
-    ),
     "two forces": (renamed(HEAT, "Load [N]"), "'F' was read, and not 'Load'"),
-    "force in the wrong unit": (renamed(F, "F [kN]"), "the unit of the force is probably wrong: it reaches"),
-    "a column that is no force": (other_noise, "force and velocity are hardly related"),
 }
 
 
@@ -215,11 +156,6 @@ def test_a_fault_that_makes_a_record_unusable_raises_its_own_error(fault, seed):
 @given(seed=seeds)
 def test_a_fault_that_leaves_a_record_usable_gives_a_finding_or_a_note(fault, seed):
     put, expected = FOUND[fault]
-    content = put(good(seed), np.random.default_rng(seed))
-    try:
-        test = read(content)
-    except errors.WrongSignError:  # a force with a large shift, or noise, may have a negative correlation
-        assert fault in ("a force shifted in time", "a column that is no force")
-        return
+    test = read(put(good(seed), np.random.default_rng(seed)))
     notes = (*test.remarks, *test.warnings)
     assert any(re.search(expected, note) for note in notes), notes

@@ -1,7 +1,5 @@
 """What is read from tables of peak velocities, preambles, names of files and other columns, and the limits in it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The size from which each fault of a dynamometer record is found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The size from which each fault of a rig record is refused, and from which a record has another run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

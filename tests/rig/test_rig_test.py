@@ -1,7 +1,5 @@
 """Rig records have the channels of Table 6.1, are written and read, and faults are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """How texts of tables are understood is what tests/results keeps, one notation after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shocks with known parameters, and the dynamometer records that they would give."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

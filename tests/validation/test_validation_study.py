@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from eightpost.errors import ParameterError
 from eightpost.ident.shock.result import digest_of
-from eightpost.ident.validation.records import dyno_record
+from eightpost.ident.validation.records import dyno_record, recognise_motion
 from eightpost.ident.validation.shocks import (
     keep_verdicts,
     notes_on,
@@ -15,11 +16,11 @@ from eightpost.ident.validation.shocks import (
     static_table,
     validate_shocks,
 )
-from eightpost.rig.dyno_test import DynoConditions
+from eightpost.rig.dyno_test import DynoConditions, DynoTest
 from eightpost.shock import read_shock
 from eightpost.verdict import Grade
 
-from .conftest import shock_of
+from .conftest import record, shock_of, sine_path
 
 
 def test_each_law_is_compared_with_each_record(lagged, static_curve, random_test, bump_test, static_test):
@@ -125,8 +126,42 @@ def test_a_segment_must_be_within_every_record(lagged, bump_test, segment):
 def test_a_segment_applies_to_every_kind_of_record(lagged, random_test, sine_test, bump_test, static_test):
     tests = {"random": random_test(1), "sine": sine_test(0.5, 5.0), "bump": bump_test, "static": static_test}
     records = [dyno_record(test, kind=kind) for kind, test in tests.items()]
-    for record in records:
-        duration = record.test.series.duration
+    for one in records:
+        duration = one.test.series.duration
         segment = (0.1 * duration, 0.6 * duration)
-        whole, part = (validate_shocks([lagged], [record], segment=given).cases[0] for given in (None, segment))
+        whole, part = (validate_shocks([lagged], [one], segment=given).cases[0] for given in (None, segment))
         assert whole.outcome.rms != part.outcome.rms
+
+
+@pytest.mark.parametrize(("amplitude", "velocity"), [(1.0, 6.0), (1.0, 30.0), (0.25, 10.0), (0.1, 10.0)])
+def test_a_sine_of_table_3_3_is_a_sine_of_its_frequency(sine_test, amplitude, velocity):
+    seen = recognise_motion(sine_test(amplitude, velocity))
+    assert seen.kind == "sine"
+    assert seen.frequency == pytest.approx(velocity / (2.0 * np.pi * amplitude), rel=2e-3)
+
+
+def test_the_multisine_is_random(random_test):
+    assert recognise_motion(random_test(1)).kind == "random"
+
+
+def test_steps_with_long_holds_are_static(static_test):
+    assert recognise_motion(static_test).kind == "static"
+
+
+def test_a_fast_step_is_a_bump(bump_test):
+    assert recognise_motion(bump_test).kind == "bump"
+
+
+@pytest.mark.parametrize("name", ["static_test", "bump_test"])
+def test_the_velocity_is_integrated_if_displacement_was_not_measured(request, name):
+    test = request.getfixturevalue(name)
+    assert recognise_motion(DynoTest(test.series.select(("velocity", "force")))).kind == name.partition("_")[0]
+
+
+def test_one_period_is_no_sine_test(truth):
+    assert recognise_motion(record(truth, sine_path(0.5, 5.0, periods=1), 2000.0)).kind != "sine"
+
+
+def test_a_given_kind_takes_precedence_over_the_recognised_one(sine_test):
+    record = dyno_record(sine_test(0.1, 5.0), kind="random")
+    assert (record.kind, record.reason) == ("random", "given by the user")

@@ -1,7 +1,5 @@
 """The archive of an assembly is like that of a native FMU: clean, correct and reproducible."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import tomllib

@@ -1,7 +1,5 @@
 """Documents of all models, and of a shock as a fit writes it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Functions that read the documents of an archive."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping

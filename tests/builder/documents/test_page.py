@@ -1,7 +1,5 @@
 """The page is complete, self-contained and correct."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import re

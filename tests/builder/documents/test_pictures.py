@@ -1,7 +1,5 @@
 """The picture and the icon."""
 
-from __future__ import annotations
-
 import io
 
 import matplotlib
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from builder import documents, page
+from builder import page
 from builder.product import vehicle_product
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
@@ -53,14 +51,3 @@ def test_a_response_is_drawn_in_displayed_units_from_below_the_body_modes_to_abo
     assert gain == pytest.approx(inches * per_newton / (4.0 * 2.0 * np.pi * frequency), rel=1e-6)
     low, high = axes.get_xlim()
     assert frequency.min() <= low < min(axes.get_xticks()) < max(axes.get_xticks()) < high <= frequency.max()
-
-
-def test_the_icon_of_a_vehicle_stands_on_a_road_that_ends_as_far_from_the_left_edge_as_from_the_right_one():
-    mass = StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]], (Channel("force", "N"),), (Channel("velocity", "m/s"),))
-    shown = np.asarray(Image.open(io.BytesIO(documents.icon(IdentifiedVehicle("mass", mass)))))[..., 3] > 127
-    lowest = np.flatnonzero(shown.any(axis=1))[-1]
-    road, wheels = (np.flatnonzero(shown[lowest - above]) for above in (2, 8))
-    sums = [columns[0] + columns[-1] for columns in (road, wheels)]
-    assert sums == pytest.approx([256, 255], abs=1)  # a line is drawn on whole pixels, with half a pixel of rounding
-    assert 0 < road[0] < 13 and road.size == 1 + road[-1] - road[0]  # most of the width, without a gap
-    assert road[0] < wheels[0] and 20 < wheels.size < 80  # both wheels are on it

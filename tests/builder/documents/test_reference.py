@@ -1,7 +1,5 @@
 """Reference results follow the cross-check rules and equal an independent implementation of the models' equations."""
 
-from __future__ import annotations
-
 import dataclasses
 import zipfile
 

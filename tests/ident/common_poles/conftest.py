@@ -1,7 +1,5 @@
 """Exact responses of known cars around a baseline damping."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Upper end of the band that rig tests support."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Common-pole fits to noisy responses: the errors are those that the likelihood predicts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

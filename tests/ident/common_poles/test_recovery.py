@@ -1,7 +1,5 @@
 """Recovery of known models from their exact responses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import control

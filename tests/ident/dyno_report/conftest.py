@@ -1,7 +1,5 @@
 """Records of shocks whose figures are known in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eightpost.rig import DynoConditions, DynoTest

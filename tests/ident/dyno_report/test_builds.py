@@ -1,7 +1,5 @@
 """Files are grouped into builds, builds are compared with the reference, and repeated runs with each other."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The curve of a run with a lag is that of its law, for each form of a lag, and so is every figure on the page."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

@@ -1,7 +1,5 @@
 """Every figure of a run is that of a shock whose closed form is known."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 from eightpost.ident.dyno_report.builds import CarCorner
 from eightpost.ident.dyno_report.cycles import STROKES, Unknown, cycles_of, force_at_rest, slow_figures
 from eightpost.ident.dyno_report.entry import entry_of_test, with_gas_of_slow_runs
-from eightpost.ident.dyno_report.loop import BEND, forces_at, ratio_at
+from eightpost.ident.dyno_report.loop import forces_at, ratio_at
 from eightpost.signals import TimeSeries
 from eightpost.virtual.dynamometer import random_multisine
 
@@ -107,13 +105,6 @@ def test_a_straight_stroke_has_no_knee_and_one_slope():
         one = entry(sine(valve(viscous(2500.0), viscous(4000.0), gas=120.0))).strokes[stroke]
         assert isinstance(one.knee, Unknown) and "no knee" in one.knee.reason
         assert one.low == one.high == pytest.approx(rate, rel=0.005)
-
-
-@pytest.mark.parametrize("part", [1.0 - 0.5 * BEND, 1.0 - 1.5 * BEND])
-def test_a_knee_needs_a_change_of_slope_by_a_fifth(part):
-    line = two_lines(4000.0, part * 4000.0, 0.15)
-    one = entry(sine(valve(line, line))).strokes["rebound"]
-    assert isinstance(one.knee, Unknown) == (part > 1.0 - BEND)
 
 
 def test_the_curve_reaches_the_highest_speed_and_is_not_extrapolated():

@@ -1,7 +1,5 @@
 """The numbers of whole reports: of the examples, and of a day at the dynamometer with every kind of entry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

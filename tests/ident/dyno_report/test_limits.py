@@ -1,7 +1,5 @@
 """A run passes if its curve is within the tolerance of the master curve at every speed, and fails otherwise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,5 @@
 """The sizes at which a report knows another figure: cycles, loops, knees, slow parts and representatives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

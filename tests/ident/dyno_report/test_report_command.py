@@ -1,7 +1,5 @@
 """`eightpost report` writes a page of the examples; its exit codes are those of the other verbs."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

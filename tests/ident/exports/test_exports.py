@@ -1,7 +1,5 @@
 """Tests that exports have all content, to the precision of the format, as scipy and pyuff read them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The contents of exported files: tables of shocks in every format, vehicles and responses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

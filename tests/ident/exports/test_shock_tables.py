@@ -1,7 +1,5 @@
 """Tests of exported shock curves: read back equal, within the stated error, rising, and with a message if refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Quarter car on the virtual rig with bristle friction that sticks, unlike the friction law of the identification."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shock forces and hub accelerometers that a logger or rubber delays, laws of shocks and balances of wheels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

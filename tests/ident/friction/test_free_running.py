@@ -1,7 +1,5 @@
 """Simulation of an identified car: of its tests, of the faults that it finds, and with shock laws at its ports."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction at the ports: its law, its estimate from rig tests, and its effect on the identified car."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

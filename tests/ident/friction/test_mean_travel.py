@@ -1,7 +1,5 @@
 """Port springs at another mean load than that of the tests: the stiffness and the travel of the true car there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -11,8 +9,11 @@ import pytest
 from eightpost.ident.vehicle import plan
 from eightpost.ident.vehicle.experiment import Experiment
 from eightpost.ident.vehicle.port_search import about_loads, about_tests
-from eightpost.vehicle import Friction, IdentifiedVehicle, LinearStepper, QuarterCar
+from eightpost.ident.vehicle.simulation import bristle_force, direction, with_port_laws
+from eightpost.signals import TimeSeries
+from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, LinearStepper, QuarterCar
 from eightpost.vehicle import friction as port_friction
+from eightpost.vehicle.compiled import deflections
 
 #: Spring of the true car: k1 d + k2 d^2.
 K1, K2 = 30e3, 4e5
@@ -99,3 +100,42 @@ def test_the_mean_loads_of_the_baseline_test_are_those_of_the_identified_car(mon
     assert found.vehicle.friction[""].mean_travel == pytest.approx(travel(800.0), rel=1e-9)
     unknown = plan.IdentificationPlan(prepared, baseline, replace(experiment, means={})).identify("common-poles")
     assert unknown.vehicle == car_about(800.0)
+
+
+RATE, LAW = 500.0, Bristle(80.0, 1e-4, 1.15, 0.01)
+TIME = np.arange(0.0, 20.0, 1.0 / RATE)
+VELOCITY = 0.05 * np.sin(2 * np.pi * 1.3 * TIME) + 0.03 * np.sin(2 * np.pi * 9.7 * TIME)
+
+
+def record():
+    displacement = np.concatenate(([0.0], np.cumsum(0.5 * (VELOCITY[1:] + VELOCITY[:-1])) / RATE))
+    channels = {"force": ("N", 300.0 * VELOCITY), "velocity": ("m/s", VELOCITY), "displacement": ("m", displacement)}
+    return TimeSeries.from_channels(TIME, channels)
+
+
+def test_the_signal_is_that_of_a_fine_simulation_below_half_the_rate():
+    fine = np.arange(TIME.size * 40) / (40.0 * RATE)
+    velocity = 0.05 * np.sin(2 * np.pi * 1.3 * fine) + 0.03 * np.sin(2 * np.pi * 9.7 * fine)
+    exact = np.fft.rfft(LAW.force_at(deflections(velocity, 1.0 / (40.0 * RATE), LAW)))[: TIME.size // 2] / 40.0
+    found = np.fft.rfft(bristle_force(VELOCITY, RATE, LAW))[: TIME.size // 2]
+    band = slice(0, TIME.size // 10)  # 50 Hz
+    assert np.linalg.norm(found[band] - exact[band]) < 2e-3 * np.linalg.norm(exact[band])
+
+
+def test_a_bristle_of_another_force_has_a_signal_in_proportion():
+    np.testing.assert_allclose(
+        bristle_force(VELOCITY, RATE, LAW), 80.0 * bristle_force(VELOCITY, RATE, Bristle(1.0, 1e-4, 1.15)), rtol=1e-12
+    )
+
+
+def test_friction_bristle_and_spring_are_added_to_the_shock_force():
+    series, law = record(), Friction(20.0, 0.01, LAW, 1e5)
+    creeping, sticking = 20.0 * direction(VELOCITY, RATE, 0.01), bristle_force(VELOCITY, RATE, LAW)
+    expected = series["force"] + creeping + sticking + 1e5 * series["displacement"] ** 2
+    np.testing.assert_array_equal(with_port_laws(series, {"": law})["force"], expected)
+
+
+@pytest.mark.parametrize("rate", [2500.0, 4000.0])
+def test_a_fast_record_is_not_resampled(rate):
+    v = VELOCITY[:4000]
+    np.testing.assert_array_equal(bristle_force(v, rate, LAW), LAW.force_at(deflections(v, 1.0 / rate, LAW)))

@@ -1,7 +1,5 @@
 """Report of a fit on itself: nonlinear springs, lifted tires, standard deviations."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

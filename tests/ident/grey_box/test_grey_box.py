@@ -1,7 +1,5 @@
 """The grey-box car: its linear model, its steps, its start values, and the recipe on a known car."""
 
-from __future__ import annotations
-
 from dataclasses import astuple, replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """The output-error fit: known parameters, stated intervals, the gate, and a closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter

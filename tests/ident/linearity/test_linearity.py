@@ -1,7 +1,5 @@
 """Tests that paths are classified as in Table 6.4, and that responses that depend on the amplitude are reported."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

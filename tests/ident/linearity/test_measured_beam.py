@@ -1,7 +1,5 @@
 """Tests on a measured 2x2 response of a beam with two piezo inputs: held-out records are predicted."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

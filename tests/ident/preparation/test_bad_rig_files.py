@@ -1,7 +1,5 @@
 """Tests that `eightpost inspect` and `eightpost identify` report faults of rig files, with the place and a remedy."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The numbers of the preparation: laws of mechanics, findings about faults and their sizes, and prepared records."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Channels that contradict mechanics are named, with the size of the fault; sound records have no finding."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tests of the preparation: decimation, math channels and synchronisation keep the band, and every step is reported."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The law `hysteresis` over settings: both curves depend on the clicks, lag and stop are common."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

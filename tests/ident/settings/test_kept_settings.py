@@ -1,7 +1,5 @@
 """The numbers of whole fits over settings: shock, click map, the search for clicks, and their tables."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

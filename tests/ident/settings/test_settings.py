@@ -1,7 +1,5 @@
 """Fit of a shock over its settings: a left-out file, bands, combinations, the inverse problem, tables, commands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """A table of files and settings is read with its adjusters and temperatures; a wrong entry is rejected by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rig tests are compared with each other by the balance of every wheel: known changes are found, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

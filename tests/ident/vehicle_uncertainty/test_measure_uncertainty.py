@@ -1,7 +1,5 @@
 """The uncertainty of a measure separates what all setups share from what differs between them."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict

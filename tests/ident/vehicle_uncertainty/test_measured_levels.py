@@ -1,7 +1,5 @@
 """The level errors of a vehicle are measured on its own tests, without noise, and stated for other drives."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

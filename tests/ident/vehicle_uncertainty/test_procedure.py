@@ -1,7 +1,5 @@
 """The verdict on the rig tests of an identification names what was wrong with them, in which test, and what to do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A vehicle that cannot be simulated is not usable, whatever its fit: its file says so."""
 
-from __future__ import annotations
-
 import pytest
 
 from eightpost.ident.vehicle import common_poles

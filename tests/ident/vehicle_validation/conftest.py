@@ -1,7 +1,5 @@
 """Fits of cars that are known exactly, and records of the virtual rig, which has its own integrator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

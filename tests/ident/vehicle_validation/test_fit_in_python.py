@@ -1,7 +1,5 @@
 """A fit in Python: its summary, its tables and its picture contain the estimate, the model and their misfit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

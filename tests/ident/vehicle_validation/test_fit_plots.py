@@ -1,7 +1,5 @@
 """Tests of the plots of a fit: all data are in them, and nothing of an output that was plotted before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ from eightpost.vehicle import read_vehicle, shipped
 from tests.drawn import drawn as described
 
 from .conftest import truth_fit
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 OUTPUTS = ("velocity", "tire_force", "ride_height")
 

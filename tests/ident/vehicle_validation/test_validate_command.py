@@ -1,7 +1,5 @@
 """Tests of `eightpost validate` on a vehicle: recognition of the file, exit codes and page."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -20,7 +18,7 @@ from eightpost.vehicle import shipped
 from eightpost.verdict import Grade
 
 from .conftest import softer
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 Run = Callable[..., Result]
 

@@ -1,7 +1,5 @@
 """Tests of the validation of vehicles: good and bad cars are recognised, for the right reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +21,7 @@ from eightpost.verdict import Grade
 from tests.drawn import figures_of, rows_of_page
 
 from .conftest import COULOMB, INCH, fit_of, quarter_test, records_of, seven_test, truth_fit
-from .test_fit_on_the_page import TRUST
+from .test_page_parts import TRUST
 
 
 @pytest.fixture(scope="module")
