@@ -78,7 +78,7 @@ static inline unsigned bits_of(truth condition)
     __m256 part[EIGHTPOST_BYTES / 32];
     memcpy(part, &condition, sizeof part);
     for (int k = 0; k < EIGHTPOST_BYTES / 32; k++) {
-        const int few = sizeof(number) == 8 ? _mm256_movemask_pd((__m256d)part[k]) : _mm256_movemask_ps(part[k]);
+        const int few = IS_DOUBLE ? _mm256_movemask_pd((__m256d)part[k]) : _mm256_movemask_ps(part[k]);
         bits |= (unsigned)few << 32 / sizeof(number) * k;
     }
 #else
