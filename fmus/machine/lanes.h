@@ -25,8 +25,7 @@ typedef number real __attribute__((vector_size(EIGHTPOST_BYTES)));
 /* Of each setup the truth of a condition or an index, as large as a number. */
 typedef integer truth __attribute__((vector_size(EIGHTPOST_BYTES)));
 typedef integer Index __attribute__((vector_size(EIGHTPOST_BYTES)));
-/* One number of each setup in single precision, two, two indices and one. */
-typedef float Single __attribute__((vector_size(4 * SETUPS)));
+/* Two numbers and two indices of each setup in single precision, and one index. */
 typedef float Narrow __attribute__((vector_size(8 * SETUPS)));
 typedef int32_t Places __attribute__((vector_size(8 * SETUPS)));
 typedef int32_t Short __attribute__((vector_size(4 * SETUPS)));
