@@ -25,7 +25,7 @@ from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.running.coupling import check_setup, disagreement, through_fmus, with_rounding
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
-from cosim.study.running.leaders import leaders
+from cosim.study.running.leaders import run_leaders
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from cosim.systems.algorithm import GaussSeidel
@@ -427,7 +427,7 @@ class Sweep:
         rounding = coupling.machine and coupling.machine.rounding
         result = self.collect(coupling, partial=chunks.left > 0 or rounding is not None)
         if rounding and not chunks.left:
-            self.request(workers, coupling, leaders(result, rounding.measures))
+            run_leaders(result, rounding.measures, lambda numbers: self.request(workers, coupling, numbers))
             result = self.collect(coupling, partial=False)
         compared = coupling if result.partial else self.compare_best(result, coupling)
         if compared.machine is None and coupling.machine is not None:
