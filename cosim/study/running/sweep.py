@@ -485,8 +485,7 @@ class Sweep:
         Ctrl-C loses only the setups that are running.
         """
         wanted = list(dict.fromkeys(int(i) for i in indices))
-        exact = (self._requested,) if coupling.machine and coupling.machine.rounding else (self._requested, self._kept)
-        self._read(index for index in wanted if index in self._places and self._places[index][0] in exact)
+        self._read(index for index in wanted if index in self._places)
         new = [index for index in wanted if index not in self._rows]
         if new:
             found = list[Row]()
@@ -504,10 +503,12 @@ class Sweep:
 
     @cached_property
     def _places(self) -> dict[int, tuple[ChunkFolder, range]]:
-        """Chunk of each setup with a result that was not read yet."""
+        """Chunk of each setup with a result in double precision that was not read yet."""
+        chosen = self._kept.coupling()
+        in_single = chosen is not None and chosen.machine is not None and chosen.machine.rounding is not None
         return {
             number: (kept, chunk)
-            for kept in (self._kept, self._requested)  # of both, the second is taken
+            for kept in ((self._requested,) if in_single else (self._kept, self._requested))
             for chunk in kept.completed
             for number in kept.read(chunk)["setup"].tolist()
         }
