@@ -94,7 +94,7 @@ def instruction_set() -> str:
 # ---- Compilation ----------------------------------------------------------------------------------------------------
 
 
-def compiled(pairs: int, corners: int, *, sweeps: int = 2, single: bool = False, width: str | None = None) -> bytes:
+def compiled(pairs: int, corners: int, *, sweeps: int = 2, single: bool = False) -> bytes:
     """Return the library for the size of a car, from the cache or from the compiler.
 
     Args:
@@ -102,20 +102,18 @@ def compiled(pairs: int, corners: int, *, sweeps: int = 2, single: bool = False,
         corners: Number of shocks.
         sweeps: Number of times that the ports are evaluated in a step.
         single: Whether numbers are in single precision: then twice as many setups run at once.
-        width: Instruction set; None: the widest of this processor.
 
     Raises:
         FmuError: There is no compiler, or it fails.
     """
     sizes = f"enum {{ PAIRS = {pairs}, CORNERS = {corners} }};\n".encode()
     own = (f"-DSWEEPS={sweeps}", *(["-DEIGHTPOST_SINGLE"] if single else []))
-    return built({**sources(), "sizes.h": sizes}, *own, width=width)
+    return built({**sources(), "sizes.h": sizes}, *own)
 
 
-def built(files: Mapping[str, bytes], *own: str, width: str | None = None) -> bytes:
+def built(files: Mapping[str, bytes], *own: str) -> bytes:
     """Return a library from C files and options of their own, from the cache or from the compiler; see `compiled`."""
-    chosen = instruction_set() if width is None else width
-    compiler = _compiler()
+    chosen, compiler = instruction_set(), _compiler()
     options = [*_FLAGS, *own, *_WIDTHS.get(chosen, ())]
     if _is_gcc(compiler[0]):
         options.append(f"-DEIGHTPOST_BYTES={_BYTES_OF_GCC[chosen]}")

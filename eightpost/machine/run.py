@@ -81,7 +81,6 @@ class Run:
         series: Names of the channels whose series are stored.
         settling: Number of records at the start that limits do not count.
         single: Whether numbers are in single precision.
-        width: Instruction set; None: the widest of this processor.
 
     Attributes:
         structure: Structure Run of fmus/machine/machine.h.
@@ -104,7 +103,6 @@ class Run:
         series: Sequence[str] = (),
         settling: int = 0,
         single: bool = False,
-        width: str | None = None,
     ) -> None:
         self._arrays: list[Any] = []
         self.corners, self.limits = len(car.ports), tuple(limits)
@@ -115,7 +113,7 @@ class Run:
         if len(limits) > _MOST_LIMITS or len(names) > _MOST_CHANNELS or len(quantities) > _MOST_QUANTITIES:
             raise NotInBatchError("it has too many measures")
         sweeps = _SWEEPS + any(port.has_forces for port in car.ports)
-        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, single=single, width=width))
+        self.library = _loaded(compiled(car.pairs, self.corners, sweeps=sweeps, single=single))
         # the sweeps have found the velocities of the ports, which need no row of outputs
         places_of = {(-1, port.velocity): (k, _VELOCITY) for k, port in enumerate(car.ports)}
         channels = {name: places_of.get(channels[name], channels[name]) for name in names}
@@ -237,7 +235,7 @@ class Batch:
     def __init__(self, run: Run) -> None:
         self._library, self._run = run.library, run
         corners, self.lanes = run.corners, run.library.setups
-        self._space = _aligned(run.library.size, np.dtype(np.uint8))
+        self._space = _aligned((run.library.size,), np.dtype(np.uint8))
         self._parameters = self._aligned((corners, run.library.parameters))
         self._laws = self._aligned((corners,), run.library.integer)
         shapes: Mapping[str, tuple[int, ...]] = {
@@ -256,8 +254,7 @@ class Batch:
         self._filtered: dict[tuple[str, Any], Array] = {}
 
     def _aligned(self, shape: tuple[int, ...], of: Any = None) -> NDArray[Any]:
-        count = int(np.prod(shape)) * self.lanes
-        return _aligned(count, np.dtype(of or self._library.number)).reshape(*shape, self.lanes)
+        return _aligned((*shape, self.lanes), np.dtype(of or self._library.number))
 
     def filtered(self, name: str, sections: Any) -> Array:
         """Return a recorded channel of the last run through a filter, forward and backward (R, lanes).
@@ -303,9 +300,9 @@ class Batch:
         return BatchResult(**own, ended=self._ended[:count])
 
 
-def _aligned(count: int, of: np.dtype[Any]) -> NDArray[Any]:
-    """Return zeros (count,) at an address that is a multiple of 64."""
-    size = count * of.itemsize
+def _aligned(shape: tuple[int, ...], of: np.dtype[Any]) -> NDArray[Any]:
+    """Return zeros at an address that is a multiple of 64."""
+    size = int(np.prod(shape)) * of.itemsize
     raw = np.zeros(size + 64, np.uint8)
     first = -raw.ctypes.data % 64
-    return raw[first : first + size].view(of)
+    return raw[first : first + size].view(of).reshape(shape)

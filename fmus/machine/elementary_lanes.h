@@ -1,29 +1,22 @@
-/* exp, expm1, tanh and log of several setups at once: the operations of common/elementary.c in their order, for the arguments of
- * friction forces and laws. It replaces common/elementary.h where numbers are those of lanes. */
+/* exp, expm1, tanh and log of several setups at once, for the arguments of friction forces and laws, about as in common/elementary.c.
+ * It replaces common/elementary.h where numbers are those of lanes. */
 #ifndef EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_LANES_H
 #define EIGHTPOST_ELEMENTARY_H
 
 #include "real.h"
 
-/* High bits of ln 2, of which small multiples are exact, and the rest; bits of the fraction of a number and bias of its exponent;
- * the largest x of 2 e^x, that of e^x - 1 = -1 and that of tanh x < 1. */
-#ifdef EIGHTPOST_SINGLE
-static const number LN2_HIGH = 0x1.62e4p-1, LN2_LOW = 0x1.7f7d1cp-20, INVERSE_LN2 = 0x1.715476p+0;
-enum { FRACTION = 23, BIAS = 127 };
-static const number LARGEST_POWER = 86, ALMOST_NOTHING = 17, ALMOST_ONE = 10;
-#else
-static const number LN2_HIGH = 0x1.62e42fee00000p-1, LN2_LOW = 0x1.a39ef35793c76p-33, INVERSE_LN2 = 0x1.71547652b82fep0;
-enum { FRACTION = 52, BIAS = 1023 };
-static const number LARGEST_POWER = 700, ALMOST_NOTHING = 40, ALMOST_ONE = 22;
-#endif
+/* High bits of ln 2, of which small multiples are exact, and the rest. */
+static const number LN2_HIGH = 0x1.62e4p-1, LN2_LOW = 0x1.62e42fefa39efp-1 - 0x1.62e4p-1, INVERSE_LN2 = 0x1.71547652b82fep0;
+/* Bits of the fraction of a number, bias of its exponent, and a power of e that it has. */
+enum { FRACTION = IS_DOUBLE ? 52 : 23, BIAS = IS_DOUBLE ? 1023 : 127, LARGEST_POWER = IS_DOUBLE ? 700 : 86 };
 
 /* 1/k!, k = 2 .. 15. */
 static const number EXPONENTIAL[] = {
     1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0, 1.0 / 120.0, 1.0 / 720.0, 1.0 / 5040.0, 1.0 / 40320.0, 1.0 / 362880.0,
     1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0, 1.0 / 6227020800.0, 1.0 / 87178291200.0, 1.0 / 1307674368000.0,
 };
-enum { EXPONENTIAL_TERMS = sizeof(number) == 8 ? 14 : 8, LOGARITHM_TERMS = sizeof(number) == 8 ? 10 : 4 };
+enum { EXPONENTIAL_TERMS = IS_DOUBLE ? 14 : 8, LOGARITHM_TERMS = 10 };
 
 /* 2^k, and e^r - 1 of x = k ln 2 + r, for |x| <= LARGEST_POWER. */
 typedef struct {
@@ -49,7 +42,7 @@ static inline Reduced reduced(real x)
 /* e^x; 0 below the smallest power. Arguments above the largest one do not occur: friction decays. */
 static inline real exponential(real x)
 {
-    const truth is_small = x < -LARGEST_POWER;
+    const truth is_small = x < (number)-LARGEST_POWER;
     const Reduced found = reduced(either(is_small, uniform(0.0), x));
     return either(is_small, uniform(0.0), found.power * (1.0 + found.rest));
 }
@@ -57,21 +50,14 @@ static inline real exponential(real x)
 /* e^x - 1 for x up to the largest power. */
 static inline real exponential_minus_1(real x)
 {
-    const truth is_large = x < -ALMOST_NOTHING;
-    const Reduced found = reduced(either(x < -LARGEST_POWER, uniform(0.0), x));
-    const real usual = found.power * found.rest + (found.power - 1.0);
-    if (!in_any(is_large)) {
-        return usual;
-    }
-    return either(is_large, either(x < -LARGEST_POWER, uniform(0.0), found.power * (1.0 + found.rest)) - 1.0, usual);
+    const truth is_small = x < (number)-LARGEST_POWER;
+    const Reduced found = reduced(either(is_small, uniform(0.0), x));
+    return either(is_small, uniform(-1.0), found.power * found.rest + (found.power - 1.0));
 }
 
 static inline real hyperbolic_tangent(real x)
 {
-    const real size = either(x < 0.0, -x, x);
-    const truth is_one = size >= ALMOST_ONE;
-    const real rise = exponential_minus_1(2.0 * either(is_one, uniform(ALMOST_ONE), size));
-    const real result = either(is_one, uniform(1.0), rise / (rise + 2.0));
+    const real fall = exponential_minus_1(-(2.0 * size_of(x))), result = -fall / (fall + 2.0);
     return either(x < 0.0, -result, result);
 }
 

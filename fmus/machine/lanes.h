@@ -25,8 +25,7 @@ typedef number real __attribute__((vector_size(EIGHTPOST_BYTES)));
 /* Of each setup the truth of a condition or an index, as large as a number. */
 typedef integer truth __attribute__((vector_size(EIGHTPOST_BYTES)));
 typedef integer Index __attribute__((vector_size(EIGHTPOST_BYTES)));
-/* One number of each setup in single precision, two, two indices and one. */
-typedef float Single __attribute__((vector_size(4 * SETUPS)));
+/* Two numbers and two indices of each setup in single precision, and one index. */
 typedef float Narrow __attribute__((vector_size(8 * SETUPS)));
 typedef int32_t Places __attribute__((vector_size(8 * SETUPS)));
 typedef int32_t Short __attribute__((vector_size(4 * SETUPS)));
@@ -78,7 +77,7 @@ static inline unsigned bits_of(truth condition)
     __m256 part[EIGHTPOST_BYTES / 32];
     memcpy(part, &condition, sizeof part);
     for (int k = 0; k < EIGHTPOST_BYTES / 32; k++) {
-        const int few = sizeof(number) == 8 ? _mm256_movemask_pd((__m256d)part[k]) : _mm256_movemask_ps(part[k]);
+        const int few = IS_DOUBLE ? _mm256_movemask_pd((__m256d)part[k]) : _mm256_movemask_ps(part[k]);
         bits |= (unsigned)few << 32 / sizeof(number) * k;
     }
 #else

@@ -176,7 +176,7 @@ static APART void take_any_step(March *m, int64_t step, int is_recorded)
 /* ---- The start ---------------------------------------------------------------------------------------------------------------- */
 
 enum { MOST_TURNS_TO_REST = 60 };
-static const number AT_REST = sizeof(number) == 8 ? 1e-12 : 1e-7; /* its change, relative to 1 m */
+static const number AT_REST = IS_DOUBLE ? 1e-12 : 1e-7; /* its change, relative to 1 m */
 
 /* The forces at the start, and the states at rest under them. */
 static void rest(March *m)

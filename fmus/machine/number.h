@@ -13,5 +13,6 @@ typedef double number;
 typedef int64_t integer;
 #define LARGEST_INTEGER INT64_MAX
 #endif
+enum { IS_DOUBLE = sizeof(number) == sizeof(double) };
 
 #endif

@@ -87,9 +87,12 @@ static inline WITHIN void halve(const Narrow *from, int half, Narrow both, Place
  * of the neighbouring cell, which has the same value and slope there. */
 static inline WITHIN void find_both(const Port *port, real v, real w, Places *first)
 {
-    const Single two[] = {__builtin_convertvector(v, Single), __builtin_convertvector(w, Single)};
     Narrow both, left[SLOTS / 2];
-    memcpy(&both, two, sizeof both);
+    UNROLLED
+    for (int k = 0; k < SETUPS; k++) {
+        both[k] = (float)v[k];
+        both[SETUPS + k] = (float)w[k];
+    }
     const Narrow *knots = port->knots;
     if (are_all((both >= knots[USUAL - 1]) & (both < knots[USUAL + SLOTS / 2]))) {
         *first = (Places){0} + COEFFICIENTS * USUAL;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,24 @@ _SHARE, _LEAST = 0.01, 200
 
 #: Factor on the stated errors, which are those of some setups, and of each of two setups that are compared.
 _MARGIN = 4.0
+
+
+def run_leaders(
+    result: StudyResult, errors: Mapping[str, float], exact: Callable[[Sequence[int]], StudyResult]
+) -> None:
+    """Run the leaders exactly, and more of them if their values differ by more than the stated errors.
+
+    Args:
+        errors: Error of each measure of the result, in its SI unit.
+        exact: Function that runs setups by number.
+    """
+    known = set[int]()
+    while new := [number for number in leaders(result, errors) if number not in known]:
+        found = exact(new)
+        known.update(new)
+        rows = np.searchsorted(result.setups, found.setups)
+        apart = {name: np.abs(found.values(name) - result.values(name)[rows]) for name in errors}
+        errors = {name: float(np.nanmax(apart[name], initial=error)) for name, error in errors.items()}
 
 
 def leaders(result: StudyResult, errors: Mapping[str, float]) -> list[int]:

@@ -346,7 +346,6 @@ class Plan:
         quantities: Quantities whose statistics are needed.
         series: Names of the channels whose series are needed.
         single: Whether numbers are in single precision.
-        width: Instruction set; None: the widest of this processor.
 
     Attributes:
         run: Run of the machine.
@@ -367,7 +366,6 @@ class Plan:
         series: Sequence[str],
         *,
         single: bool = False,
-        width: str | None = None,
     ) -> None:
         if setup.discrete.is_needed:
             raise NotInBatchError("components have connections besides their bonds")
@@ -386,7 +384,6 @@ class Plan:
             series=series,
             settling=int(np.searchsorted(drive.times[:: drive.every], setup.scenario.settling + 1e-9)),
             single=single,
-            width=width,
         )
         self.rows, self.series = self.run.rows, self.run.series
 

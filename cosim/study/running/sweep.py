@@ -25,7 +25,7 @@ from cosim.study.definition import Build, Drive, Setup, Study
 from cosim.study.measures import AboveBand, Measure, own_function
 from cosim.study.running.coupling import check_setup, disagreement, through_fmus, with_rounding
 from cosim.study.running.evaluator import Coupling, Evaluator, Row
-from cosim.study.running.leaders import leaders
+from cosim.study.running.leaders import run_leaders
 from cosim.study.running.workers import Chunk, Workers
 from cosim.study.table import Provenance, StudyResult, result_table, study_schema
 from cosim.systems.algorithm import GaussSeidel
@@ -427,7 +427,7 @@ class Sweep:
         rounding = coupling.machine and coupling.machine.rounding
         result = self.collect(coupling, partial=chunks.left > 0 or rounding is not None)
         if rounding and not chunks.left:
-            self.request(workers, coupling, leaders(result, rounding.measures))
+            run_leaders(result, rounding.measures, lambda numbers: self.request(workers, coupling, numbers))
             result = self.collect(coupling, partial=False)
         compared = coupling if result.partial else self.compare_best(result, coupling)
         if compared.machine is None and coupling.machine is not None:
@@ -485,8 +485,7 @@ class Sweep:
         Ctrl-C loses only the setups that are running.
         """
         wanted = list(dict.fromkeys(int(i) for i in indices))
-        exact = (self._requested,) if coupling.machine and coupling.machine.rounding else (self._requested, self._kept)
-        self._read(index for index in wanted if index in self._places and self._places[index][0] in exact)
+        self._read(index for index in wanted if index in self._places)
         new = [index for index in wanted if index not in self._rows]
         if new:
             found = list[Row]()
@@ -504,10 +503,12 @@ class Sweep:
 
     @cached_property
     def _places(self) -> dict[int, tuple[ChunkFolder, range]]:
-        """Chunk of each setup with a result that was not read yet."""
+        """Chunk of each setup with a result in double precision that was not read yet."""
+        chosen = self._kept.coupling()
+        in_single = chosen is not None and chosen.machine is not None and chosen.machine.rounding is not None
         return {
             number: (kept, chunk)
-            for kept in (self._kept, self._requested)  # of both, the second is taken
+            for kept in ((self._requested,) if in_single else (self._kept, self._requested))
             for chunk in kept.completed
             for number in kept.read(chunk)["setup"].tolist()
         }

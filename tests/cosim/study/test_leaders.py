@@ -5,7 +5,7 @@ import pytest
 
 from cosim.study.definition import Constraint, Term
 from cosim.study.running import leaders as leading
-from cosim.study.running.leaders import leaders, pareto_front
+from cosim.study.running.leaders import leaders, pareto_front, run_leaders
 
 from .constructed import result
 
@@ -54,16 +54,33 @@ def test_setups_that_other_errors_could_bring_among_them_are_leaders():
 
 
 def test_setups_that_nearly_meet_a_constraint_are_leaders():
-    limit = 0.9
-    for constraint in (Constraint("ride", at_most=limit), Constraint("ride", at_least=limit)):
-        found = result({"grip": smooth, "ride": rough}, constraints=(constraint,))
-        near = np.abs(found.values("ride") - limit) < 3.0 * ERROR
-        apart = found.values("ride") - limit
-        met = (apart <= 1e-9 if constraint.at_most == limit else apart >= -1e-9) | near
-        best = found.setups[met][np.argsort(found.values("grip")[met], kind="stable")][:30]
-        assert set(best.tolist()) <= numbers(found)
-        beyond = found.setups[~met]
-        assert not numbers(found) & set(beyond.tolist())
+    whole = result({"grip": smooth, "ride": rough})
+    grip, ride = map(whole.values, ERRORS)
+    limit = float(np.sort(grip)[1000])
+    beyond = {Constraint("grip", at_least=limit): limit - grip, Constraint("ride", at_most=0.9): ride - 0.9}
+    for constraint, apart in beyond.items():
+        known = numbers(result({"grip": smooth, "ride": rough}, constraints=(constraint,)))
+        nearly = apart < 3.0 * ERROR
+        best = whole.setups[nearly][np.argsort(grip[nearly], kind="stable")][:30]
+        assert set(best.tolist()) <= known and not known & set(whole.setups[apart > 5.0 * ERROR].tolist())
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05])
+def test_more_setups_run_exactly_if_the_leaders_differ_by_more_than_stated(size):
+    failed = (int(result({"grip": smooth, "ride": rough}).ranking()[0]),)
+    whole = result({"grip": smooth, "ride": rough}, failed=failed)
+    noise = np.random.default_rng(5).uniform(-size, size, whole.setups.size)
+    rounded = result({"grip": lambda digits: smooth(digits) + noise, "ride": rough})
+    ran = list[int]()
+
+    def exact(numbers):
+        ran.extend(numbers)
+        kept = np.sort(numbers)
+        return result({"grip": smooth, "ride": rough}, kept=kept, failed=failed)
+
+    run_leaders(rounded, ERRORS, exact)
+    assert len(ran) == len(set(ran)) and set(whole.setups[whole.ranking()[:30]].tolist()) <= set(ran)
+    assert (len(ran) > len(leaders(rounded, ERRORS))) == (size > ERROR)
 
 
 def test_setups_that_failed_are_no_leaders():

@@ -85,7 +85,7 @@ def random_setups(study: Study, count: int, seed: int = 0) -> list[Setup]:
 
 
 def on_machine(
-    study: Study, setups: Sequence[Setup], channels=CHANNELS, *, step=FINE, width=None, damping=DAMPING, car=None
+    study: Study, setups: Sequence[Setup], channels=CHANNELS, *, step=FINE, damping=DAMPING, car=None
 ) -> BatchResult:
     """Run up to eight setups on the machine and record some channels."""
     evaluator = Evaluator(study)
@@ -93,7 +93,7 @@ def on_machine(
     scenario = evaluator.scenario(drive, extra=channels)
     run = RunSetup.of(evaluator.system(setups[0]), scenario, default_scheme(COUPLING.scheme), step)
     car = car or read_vehicle(fmus[str(study.vehicle.fmu)], study.vehicle.fmu, study.vehicle.parameters)
-    plan = Plan(run, study.vehicle.name, car, np.full(len(study.corners), damping), (), channels, width=width)
+    plan = Plan(run, study.vehicle.name, car, np.full(len(study.corners), damping), (), channels)
     shocks = {n: read_shock(fmus[str(b.fmu)], b.fmu, b.parameters) for n, b in study.bank.items()}
     batch = Batch(plan.run)
     return batch.run([[shocks[build] for build in setup.builds.values()] for setup in setups])

@@ -12,7 +12,7 @@ from cosim.study.running import sweep as sweeping
 from cosim.study.running.coupling import with_rounding
 from cosim.study.running.evaluator import Coupling, Evaluator, Rounding, coupling_of
 from cosim.study.running.sweep import Sweep
-from cosim.study.table import error_column
+from cosim.study.table import StudyResult, error_column
 from eightpost.corners import CORNERS
 
 from ..conftest import MEASURES, WorkersHere
@@ -41,7 +41,6 @@ class Recorded(WorkersHere):
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    monkeypatch.setattr(sweeping, "LARGE", 200)
     monkeypatch.setattr(leading, "_LEAST", LEADERS)
     monkeypatch.setattr("cosim.study.running.sweep.check_setup", _not_compared)
 
@@ -60,7 +59,7 @@ def study(fmus):
     return study_of(fmus, builds, measures=MEASURES, objective=objective, settling=0.3)
 
 
-def ran(study, folder, monkeypatch, *, large=200):
+def ran(study, folder, monkeypatch, *, large=256):
     """Return the result of a study, and the number of setups of each precision."""
     monkeypatch.setattr(sweeping, "LARGE", large)
     workers = Recorded(at(COUPLING, 2e-3, study))
@@ -73,7 +72,7 @@ def test_the_best_setups_are_those_of_double_precision(study, tmp_path, monkeypa
     """Also those that meet a constraint that half of the setups break."""
     ride = MEASURES[0].name
     whole, precisions, _ = ran(study, tmp_path / "double", monkeypatch, large=1000)
-    assert precisions == {"double": 256}
+    assert precisions == {"double": 256} and not ran(study, tmp_path / "double", monkeypatch)[1]
     half = Constraint(ride, at_most=float(np.median(whole.values(ride))))
     for k, constrained in enumerate((study, replace(study, constraints=(half,)))):
         right = replace(whole, study=constrained)
@@ -86,6 +85,22 @@ def test_the_best_setups_are_those_of_double_precision(study, tmp_path, monkeypa
             assert (exact[best] == own[best]).all()
             rounding = coupling_of(found).machine.rounding.measures[measure.name]
             assert 0.0 < np.abs(exact - own).max() < 3.0 * rounding < 1e-4 * exact.min()
+
+
+@pytest.mark.slow
+def test_a_study_whose_leaders_did_not_run_in_double_is_partial_and_goes_on(study, tmp_path, monkeypatch):
+    class Stopped(Recorded):
+        def rows(self, study, coupling, chunks, stop):
+            if not coupling.machine.in_single:
+                raise KeyboardInterrupt
+            return super().rows(study, coupling, chunks, stop)
+
+    with pytest.raises(KeyboardInterrupt), monkeypatch.context() as patch:
+        patch.setattr(f"{__name__}.Recorded", Stopped)
+        ran(study, tmp_path, monkeypatch)
+    assert StudyResult.load(tmp_path / "results.parquet").partial
+    found, precisions, _ = ran(study, tmp_path, monkeypatch)
+    assert set(precisions) == {"double"} and not found.partial
 
 
 @pytest.mark.slow
