@@ -105,7 +105,7 @@ def show_verdict(console: Console, verdict: Verdict) -> None:
     first = verdict.decisive[0].statement if verdict.reasons else "nothing was examined"
     urgent = [reason for reason in verdict.reasons if reason.grade is not Grade.USABLE]
     show_text(console, f"{verdict.headline}: {first}.", style=f"bold {color}", lines=1)
-    more = f"reason 1 of {len(urgent)} (-v shows all): " if len(urgent) > 1 else ""
+    more = f"reason 1 of {len(urgent)} (-v): " if len(urgent) > 1 else ""
     for reason in urgent[:1]:
         show_text(console, f"{more}{reason.figure}", begin="  ", lines=1)
         if not reason.remedy.startswith("nothing"):

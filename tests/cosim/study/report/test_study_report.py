@@ -281,14 +281,15 @@ def test_the_answer_leads_to_the_curves_to_aim_at_with_the_gain_that_is_assured(
 
 def test_curves_of_another_study_or_edited_ones_are_not_linked(few, tmp_path):
     (tmp_path / "shapes.html").write_text("")
-    content = {"digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
+    content = {"schema": 1, "kind": "shapes", "digest": few.provenance.digest, "objective": {"best_of_bank": 50.0},
                "gain": {"predicted": 1.0, "assured": 0.5, "includes_car": True}}  # fmt: skip
     (tmp_path / "shapes.json").write_text(json.dumps(content))
     assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
     (tmp_path / "shapes.json").write_text(json.dumps(sealed(content)))
     assert AimPage.of(tmp_path, few.provenance.digest) == AimPage("shapes.html", 0.02, 0.01, True)
     changed = sealed(content) | {"gain": content["gain"] | {"assured": 5.0}}
-    for wrong in (content | {"digest": "0" * 64}, {"digest": few.provenance.digest}, [], changed):
+    others = ({"digest": "0" * 64}, {"schema": 2}, {"gain": 1.0}, {"objective": {"best_of_bank": 0.0}})
+    for wrong in (*(content | other for other in others), {"digest": few.provenance.digest}, [], changed):
         (tmp_path / "shapes.json").write_text(json.dumps(wrong))
         assert AimPage.of(tmp_path, few.provenance.digest) is None
 
