@@ -97,6 +97,7 @@ def test_the_force_at_the_accepted_time_follows_a_jump_of_velocity_with_the_lag_
 def test_a_jump_at_the_accepted_time_can_be_accepted(laws):
     law = laws["lpnl2"]
     law.start(0.0, 0.1)
+    assert law.force(1e-9, -0.2) == law.force(0.0, -0.2)  # a shorter ramp counts as a jump
     jumped = law.accept(0.0, -0.2)
     assert jumped == law.force(0.0, -0.2)
     assert law.time == 0.0

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cosim import ExtrapolatedForce, ForceLaw, HeldForce
-from cosim.engine import force_law as engine
-from cosim.engine.plan import STEP as STEP_CALL
 from eightpost.errors import InputError
 from eightpost.shock import LAWS
 
@@ -56,50 +53,6 @@ def test_forces_that_are_held_over_a_step_are_unchanged(
             forces += [loop.step(t, STEP, *motion(t)) for t in TIME.tolist()]
         found[name] = np.array(forces)
     unchanged(found, relative=1e-6)
-
-
-@pytest.mark.parametrize(("ramped", "h", "steps"), [
-    (1, 0.5, [(1.0, 0.5)]), (0, 0.5, [(1.0, 0.5 * 1023.0 / 1024.0), (1.0 + 0.5 * 1023.0 / 1024.0, 0.5 / 1024.0)]),
-    (1, 1e-9, [(1.0, 1e-9)]), (0, 0.0, [(1.0, 1e-9)]),
-])  # fmt: skip
-def test_a_trial_step_can_be_taken_back_and_its_refusal_is_recorded(
-    ramped: int, h: float, steps: list[tuple[float, float]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Held inputs have the mean of the ramp over the first part, and their end values over the last one."""
-    calls: list[tuple[float, float, int]] = []
-    sets: list[list[float]] = []
-    refused = [0]
-
-    def do_step(_function: int, _instance: int, time: float, step: float, final: int) -> int:
-        calls.append((time, step, final))
-        return refused[0]
-
-    def exchange(*_arguments: int) -> int:
-        sets.append(m.values[0].tolist())
-        return 0
-
-    monkeypatch.setattr(engine.blocks, "do_step", do_step)
-    monkeypatch.setattr(engine.blocks, "exchange", exchange)
-    monkeypatch.setattr(engine.blocks, "set_slopes", lambda *_: 0)
-    none = dict.fromkeys(
-        ("do_step", "instance", "set_real", "inputs", "values", "set_slopes", "orders", "slopes"), (0,)
-    )
-    p = SimpleNamespace(**none, shortest=1e-9, ramped=[ramped], width=[2], scale=np.full((1, 3), 2.0),
-                        offset=np.full((1, 3), 0.5))  # fmt: skip
-    m = SimpleNamespace(clock=np.array([1.0, 1.0 + h, np.nan]), accepted=np.array([[1.0, 0.0]]), failure=np.zeros(3),
-                        trial=np.array([[3.0, 4.0]]), values=np.zeros((1, 2)), slopes=np.zeros((1, 2)))  # fmt: skip
-    assert engine.advance(p, m, 0, h) == 0 and m.failure.tolist() == [0.0, 0.0, 0.0]
-    assert [call[:2] for call in calls] == [pytest.approx(step, rel=1e-12) for step in steps]
-    assert [call[2] for call in calls] == [0] * len(steps)  # the FMU must be able to return
-    if ramped and h > 1e-9:
-        assert sets == [[2.5, 0.5]] and m.slopes.tolist() == [[8.0, 16.0]]
-    else:
-        assert sets[-1] == [6.5, 8.5]  # the end values
-    if len(steps) == 2:
-        mean = np.array(sets) * np.array([1023.0, 1.0])[:, None] / 1024.0
-        assert mean.sum(axis=0) == pytest.approx([4.5, 4.5])
-    refused[0] = 3
-    assert engine.advance(p, m, 0, h) == 1 and m.failure.tolist() == [3.0, 0.0, STEP_CALL]
 
 
 @pytest.mark.parametrize("changed", ["time", "velocity", "displacement", "nothing"])
