@@ -44,6 +44,7 @@ class _RunChannels(Recording):
     __slots__ = ()
 
     if TYPE_CHECKING:
+
         @property
         def order(self) -> tuple[str, ...]:
             """Components in the order of stepping."""
