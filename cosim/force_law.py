@@ -271,27 +271,23 @@ class ForceLoop:
             raise StepError(f"the shocks {', '.join(self._names)} have not started; call start() first")
         reason = self._operation(operation)
         if reason:
-            raise self._error(reason)
+            self._fail(reason)
         return self._forces()
 
     def _forces(self) -> Any:
         return self._force.item(0) if self._scalar else self._force.copy()
 
-    def _error(self, reason: int) -> EightpostError:
-        """Return the error for an operation that failed for a reason of cosim.engine.force_law."""
-        if reason == engine.REFUSED:
-            status, k, call = (int(number) for number in self._motion.failure)
-            return self._components[k].refused(_CALLS[call], status, self.time, self._inputs(k))
+    def _fail(self, reason: int) -> None:
+        """Raise the error of an operation that failed for a reason of cosim.engine.force_law."""
+        if reason == engine.NOT_FINITE:
+            self._check_finite()
         if reason == engine.BACKWARD:
-            return InputError(
+            raise InputError(
                 f"time {self._clock[1]:.9g} s is before the last accepted time, {self.time:.9g} s: a force law cannot "
                 "go back beyond it; accept a point only after the integrator's step is final"
             )
-        try:
-            self._check_finite()
-        except InputError as error:
-            return error
-        return StepError("the force law failed for an unknown reason")
+        status, k, call = (int(number) for number in self._motion.failure)
+        raise self._components[k].refused(_CALLS[call], status, self.time, self._inputs(k))
 
     def _check_finite(self) -> None:
         time = self._clock[1]

@@ -241,7 +241,6 @@ class OpenedFmu:
         self._time, self._inputs = time, dict(inputs)
 
     def _check_state(self) -> None:
-
         if not self.capabilities.state:
             raise StepError(
                 f"component {self._name!r} ({self.source}) cannot save its state (canGetAndSetFMUstate is false in "
@@ -249,18 +248,15 @@ class OpenedFmu:
             )
 
     def _unknown_state(self) -> StepError:
-
         return StepError(
             f"component {self._name!r} ({self.source}) does not know this state: it belongs to another component, to a "
             "run that has ended, or has been freed; save a state in this run"
         )
 
     def _not_begun(self) -> StepError:
-
         return StepError(f"component {self._name!r} ({self.source}) is not running; call begin() first")
 
     def _failure(self, failed: str, why: str, to_do: str = "") -> StepError:
-
         when = "" if " from " in failed else f" at {self._time:g} s"
         parts = [
             f"component {self._name!r} ({self.source}) {failed}{when}: {why}",

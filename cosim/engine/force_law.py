@@ -151,16 +151,14 @@ def _try_point(p: Ports, m: Motion, i: int) -> int:
 
 @shared
 def _check_point(p: Ports, m: Motion) -> int:
-    """Return why the trial point cannot be used: NOT_FINITE, with the corner recorded, or BACKWARD; DONE if it can."""
+    """Return why the trial point cannot be used: NOT_FINITE or BACKWARD; DONE if it can."""
     h = m.clock[1] - m.clock[0]
     if h - h != 0.0:  # infinite or NaN
-        m.failure[1] = -1
         return NOT_FINITE
     for i in range(p.instance.size):
-        total = m.trial[i, 0] + m.trial[i, 1]
-        if total - total != 0.0:
-            m.failure[1] = i
-            return NOT_FINITE
+        for k in range(2):
+            if m.trial[i, k] - m.trial[i, k] != 0.0:
+                return NOT_FINITE
     return BACKWARD if h < -p.shortest else DONE
 
 

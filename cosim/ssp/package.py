@@ -98,7 +98,11 @@ def attribute(element: ET.Element, name: str, where: str) -> str:
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
 
-def _converted(element: ET.Element, name: str, where: str, convert: Callable[[str], Read], what: str) -> Read:
+def _converted(
+    element: ET.Element, name: str, where: str, convert: Callable[[str], Read], what: str, default: Read | None = None
+) -> Read:
+    if default is not None and element.get(name) is None:
+        return default
     text = attribute(element, name, where)
     try:
         return convert(text)
@@ -112,9 +116,7 @@ def number(element: ET.Element, name: str, where: str, default: float | None = N
     Raises:
         InputError: It is not a number, or is missing without a default.
     """
-    if default is not None and element.get(name) is None:
-        return default
-    return _converted(element, name, where, float, "not a number")
+    return _converted(element, name, where, float, "not a number", default)
 
 
 def integer(element: ET.Element, name: str, where: str) -> int:
@@ -132,9 +134,7 @@ def flag(element: ET.Element, name: str, where: str, default: bool | None = Fals
     Raises:
         InputError: It is neither true nor false, or is missing without a default.
     """
-    if default is not None and element.get(name) is None:
-        return default
-    return _converted(element, name, where, lambda text: _FLAGS[text.strip()], "neither true nor false")
+    return _converted(element, name, where, lambda text: _FLAGS[text.strip()], "neither true nor false", default)
 
 
 def local_name(element: ET.Element) -> str:

@@ -205,17 +205,14 @@ class _OpenInputs:
         Raises:
             WiringError: An input has no start value.
         """
-        left = {self.full_name(port): self._variable(port).start for port in self.ports if self._is_real(port)}
-        left = {name: start for name, start in left.items() if name not in fed}
+        variables = {self.full_name(port): self._variable(port) for port in self.ports}
+        left = {name: v.start for name, v in variables.items() if v.type == "Real" and name not in fed}
         if empty := [name for name, start in left.items() if start is None]:
             raise WiringError(
                 f"{len(empty)} inputs have no source and no start value: {', '.join(empty)}; give a drive file with "
                 "channels of these names (--drive), a constant (--input NAME=VALUE), or a value in a parameter set"
             )
         return {name: float(start) for name, start in left.items() if start is not None}
-
-    def _is_real(self, port: Port) -> bool:
-        return self._variable(port).type == "Real"
 
     def _variable(self, port: Port) -> Variable:
         variable = self.network.variable(port)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from cosim.components.component import Variable, convert_between, named_unit, to_si
 from cosim.components.fmu_component import FmuComponent
@@ -100,7 +100,7 @@ class _File(_Strict):
     schema_: int = Field(alias="schema")
     name: str = ""
     vehicle: _Vehicle
-    bank: dict[str, _Part | str]
+    bank: dict[str, Annotated[_Part, BeforeValidator(lambda part: {"fmu": part} if isinstance(part, str) else part)]]
     corners: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     alike: tuple[tuple[str, ...], ...] = ()
     baseline: dict[str, str] | str = Field(default_factory=dict)
@@ -145,8 +145,8 @@ def source_files(path: str | Path) -> tuple[Path, ...]:
     """
     path = Path(path)
     content = _content(path, read_text(path))
-    parts = [content.vehicle.fmu, *(p if isinstance(p, str) else p.fmu for p in content.bank.values())]
-    return tuple(dict.fromkeys(path.parent / part for part in parts if not part.endswith(".fmu")))
+    files = [part.fmu for part in (content.vehicle, *content.bank.values())]
+    return tuple(dict.fromkeys(path.parent / file for file in files if not file.endswith(".fmu")))
 
 
 def bank_sources(path: str | Path) -> dict[str, Path]:
@@ -157,9 +157,7 @@ def bank_sources(path: str | Path) -> dict[str, Path]:
     """
     path = Path(path)
     bank = _content(path, read_text(path)).bank
-    plain = {name: part if isinstance(part, str) else part.fmu for name, part in bank.items()
-             if isinstance(part, str) or not part.parameters}  # fmt: skip
-    return {name: path.parent / file for name, file in plain.items()}
+    return {name: path.parent / part.fmu for name, part in bank.items() if not part.parameters}
 
 
 def _content(path: Path, text: str) -> _File:
@@ -206,8 +204,7 @@ class _Reader:
     ) -> None:
         """Raise an error if a build of the bank is no shock, or cannot be coupled with the vehicle at its corner."""
         for name, build in bank.items():
-            part = self._content.bank[name]
-            given = f"{name!r}, {self._folder / (part if isinstance(part, str) else part.fmu)}"
+            given = f"{name!r}, {self._folder / self._content.bank[name].fmu}"
             corner = next((corner for corner, allowed in corners.items() if name in allowed), "")
             shock = FmuComponent(build.fmu, corner or name)
             if fault := _not_a_shock(shock):
@@ -233,13 +230,12 @@ class _Reader:
         inputs = {name: float(_own(car, name, value)) for name, value in part.inputs.items()}
         return Vehicle(fmu, part.name, parameters, inputs, trusted), car
 
-    def _build(self, name: str, part: _Part | str) -> Build:
-        given = _Part(fmu=part) if isinstance(part, str) else part
-        fmu = self._fmu(self._folder / given.fmu)
-        if not given.parameters:
+    def _build(self, name: str, part: _Part) -> Build:
+        fmu = self._fmu(self._folder / part.fmu)
+        if not part.parameters:
             return Build(fmu)
         shock = FmuComponent(fmu, name)
-        return Build(fmu, {key: _own(shock, key, value) for key, value in given.parameters.items()})
+        return Build(fmu, {key: _own(shock, key, value) for key, value in part.parameters.items()})
 
     def _drive(self, drive: _Drive, vehicle: Vehicle, car: FmuComponent) -> Drive:
         file = self._folder / drive.file
@@ -281,17 +277,12 @@ class _Reader:
             file, colon, name = function.rpartition(":")
             function = f"{(self._folder / file).resolve()}{colon}{name}"
         return Measure(
-            name=given.name,
-            channels=given.channels,
-            statistic=given.statistic,
-            display=given.display,
-            weights=given.weights,
+            **given.model_dump(include={"name", "channels", "statistic", "display", "weights", "drive"}),
             band=_pair(given.band, f"{what}, band", "Hz"),
             section=_pair(given.section, f"{what}, section", "s"),
             options={
                 key: _si(value, f"{what}, {key}", self._unit_of(key, given)) for key, value in given.options.items()
             },
-            drive=given.drive,
             function=function,
             function_unit=given.unit,
         )

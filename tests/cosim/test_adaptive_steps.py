@@ -111,3 +111,16 @@ def test_an_adaptive_run_interpolates_the_drive_linearly_between_its_points(make
     t = result.series.time
     exact = [np.trapezoid(np.interp(fine := np.linspace(0.0, end, 20001), time, [0, 30, -20, 10]), fine) for end in t]
     assert result.series["car.velocity"] == pytest.approx(np.array(exact) / MASS, abs=1e-6)
+
+
+@pytest.mark.nightly
+def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Any, bumps: Drivefile) -> None:
+    """One iteration is sufficient at the steps that meet the tolerance, but not at 4 ms."""
+    system, scenario = quarter_cars(), Scenario(0.4, bumps, {"a": "car_a.road"}, record_step=0.4)
+    few = Implicit(tolerance=1e-8, iterations=1)
+    assert not run(system, scenario, algorithm=few, step=0.004).converged
+    only_relative = dict.fromkeys(("car_a.velocity", "car_a.displacement", "shock_a.force"), 1e-12)
+    result = run(system, scenario, algorithm=Adaptive(few, relative=1e-6, absolute=only_relative), step=0.004)
+    assert result.rejected_steps > 0
+    assert result.converged
+    assert result.notes == ()

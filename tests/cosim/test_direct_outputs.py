@@ -74,14 +74,6 @@ def driven(target: str, *recorded: str) -> Scenario:
     return Scenario(STOP, drive, {"x": target}, record=recorded)
 
 
-@pytest.mark.parametrize("engine", ["python", "compiled"])
-def test_a_held_input_counts_with_the_drive_at_the_end_of_the_step(sums: Any, engine: str) -> None:
-    system = System({"a": sums({"u": 2.0, "w": 1.0})}, constants={"a.w": 5.0})
-    result = run(system, driven("a.u", "a.y"), step=STEP, compared=False, engine=engine)
-    assert result.series["a.y"] == pytest.approx(2.0 * DRIVE + 0.005, abs=1e-12)
-    assert result.held_direct == ()
-
-
 def test_units_may_have_another_zero_than_the_drive(sums: Any) -> None:
     drive = Drivefile(TimeSeries.from_channels(TIME, {"x": ("K", 300.0 + DRIVE)}))
     system = System({"a": sums({"u": 1.0}, unit="degC")})

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from cosim import ExtrapolatedForce, FmuComponent, ForceLaw, HeldForce
+from eightpost.errors import InputError
 from eightpost.shock import LAWS
 from tests.unchanged import refusals
 
@@ -97,6 +98,7 @@ def test_the_force_at_the_accepted_time_follows_a_jump_of_velocity_with_the_lag_
 def test_a_jump_at_the_accepted_time_can_be_accepted(laws):
     law = laws["lpnl2"]
     law.start(0.0, 0.1)
+    assert law.force(1e-9, -0.2) == law.force(0.0, -0.2)  # a shorter ramp counts as a jump
     jumped = law.accept(0.0, -0.2)
     assert jumped == law.force(0.0, -0.2)
     assert law.time == 0.0
@@ -182,6 +184,42 @@ def test_results_are_not_changed_by_later_evaluations(fmus):
         four.jacobian(2e-3, -0.3)
         for now, before in zip((first, second, slopes[0]), kept, strict=True):
             np.testing.assert_array_equal(now, before)
+
+
+def motion(t):
+    """Return velocities and displacements of two corners."""
+    phase = np.array([0.0, 0.9])
+    return 0.4 * np.sin(60.0 * t + phase), -0.4 / 60.0 * np.cos(60.0 * t + phase)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_forces_and_derivatives_of_a_law_are_unchanged(fmus, unchanged, name):
+    parameters = {"lf": {"rebound_scale": 1.3, "gas_stiffness": 900.0}, "rr": {"gas_preload": 40.0}}
+    forces, tried, slopes, times = [], [], [], 2e-3 * np.arange(40)
+    with ForceLaw([fmus[name]] * 2, corners=("lf", "rr"), parameters=parameters) as law:
+        forces.append(law.start(0.0, *motion(0.0)))
+        for t in times[1:].tolist():
+            tried.append(law.force(t - 1e-3, *motion(t - 6e-4)))
+            slopes.append(np.stack(law.jacobian(t, *motion(t))))
+            forces.append(law.accept(t, *motion(t)))
+        again = law.accept(times[-1], *motion(times[-1]))
+        with pytest.raises(InputError, match="before"):
+            law.force(times[-2], *motion(0.0))
+    unchanged({"forces": np.array(forces), "tried": np.array(tried), "again": again}, relative=1e-6)
+    unchanged(np.array(slopes), "slopes", relative=1e-4)
+
+
+@pytest.mark.parametrize("changed", ["time", "velocity", "displacement", "nothing"])
+def test_a_point_that_was_tried_is_accepted_as_it_is_only_at_its_own_time_and_motion(fmus, changed):
+    with ForceLaw(fmus["lpnl2"]) as law:
+        forces = []
+        for is_tried in (False, True):
+            law.start(0.0, 0.05, 0.001)
+            if is_tried:
+                time, velocity, travel = 2e-3 * (changed != "time") + 1e-3, 0.12, 0.002
+                law.force(time, velocity + 0.1 * (changed == "velocity"), travel + 0.01 * (changed == "displacement"))
+            forces.append(law.accept(3e-3, 0.12, 0.002))
+        assert forces[0] == forces[1]
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -146,7 +146,6 @@ def test_an_array_is_as_many_words_as_numba_passes() -> None:
 
 @pytest.mark.slow
 def test_a_failed_compilation_is_reported() -> None:
-
     with pytest.raises(RuntimeError, match=r"(?s)could not be compiled; engine='python' needs.*TypingError"):
         object_file(Request(_no_integer, (), 1, {}))
 

@@ -83,7 +83,7 @@ class Observations(NamedTuple):
 
     def only(self, kept: Integers) -> Observations:
         """Return some of the levels."""
-        return Observations(*(column[kept] for column in self))
+        return Observations._make(column[kept] for column in self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

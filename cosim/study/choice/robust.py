@@ -13,7 +13,7 @@ from arro3.core import Array as Column
 from arro3.core import DataType, list_array
 from arro3.core import Table as ArrowTable
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from scipy.stats import norm, qmc
 
 from cosim.study.choice.assess import Knowledge
@@ -393,24 +393,20 @@ def linearity_check(result: StudyResult, known: Knowledge, spreads: Sequence[Spr
 # ---- Reader of uncertainty files (TOML, docs/how_to/study_choice.md) ------------------------------------------------
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class _Known(_Strict):
+class _Known(BaseModel, extra="forbid"):
     value: float
     deviation: float = Field(ge=0.0)
     lowest: float = -inf
     highest: float = inf
 
 
-class _Part(_Strict):
+class _Part(BaseModel, extra="forbid"):
     part: str
     parameters: dict[str, _Known] = Field(min_length=1)
     correlation: list[list[float]] | None = None
 
 
-class _File(_Strict):
+class _File(BaseModel, extra="forbid"):
     schema_: int = Field(alias="schema")
     uncertain: list[_Part] = Field(default_factory=list)
     fits: dict[str, str] = Field(default_factory=dict)

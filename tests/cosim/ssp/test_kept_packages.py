@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.components.component import Conversion
-from cosim.ssp.flatten import compose, with_bonds
+from cosim.ssp.flatten import with_bonds
 from cosim.systems.system import Connection
 from eightpost.errors import InputError
 
@@ -91,11 +90,6 @@ def test_a_step_of_an_annotation_that_is_none_is_refused(step: str, folder: Path
         read(folder, content)
     other = packages()["annotated"].replace(b'stepSize="0.004"', b'other="1"')
     assert read(folder, other).step is None
-
-
-def test_conversions_are_applied_one_after_the_other() -> None:
-    both = compose(Conversion(2.0, 3.0), Conversion(5.0, 7.0))
-    assert (both.factor, both.offset) == (10.0, 22.0)
 
 
 @pytest.mark.parametrize(("gains", "bonded"), [

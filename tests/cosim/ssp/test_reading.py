@@ -158,14 +158,6 @@ def test_fmpy_gives_the_same_result_for_a_nested_package(folder):
 # ==== Systems in systems and descriptions in place of components become one system ===================================
 
 
-def test_nested_systems_are_flattened_and_their_bonds_are_kept(folder):
-    inner = system("axle", DAMPER, NESTED_LINKS, NESTED_PORTS)
-    case = read(folder, corner(CAR + inner, OUTER_LINKS))
-    assert "component names: axle.damper is axle_damper" in case.notes
-    assert case.system.bonds == (cosim.Bond.between("car", "axle_damper"),)
-    same(run(case), by_hand(folder), lambda name: name.replace("axle_damper", "shock"))
-
-
 @pytest.mark.repeated(2)
 @pytest.mark.parametrize("kind", ["description", "package", "package without a type", "variant"])
 def test_a_component_may_be_another_system_description(folder, kind):

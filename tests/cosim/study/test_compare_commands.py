@@ -22,7 +22,6 @@ from eightpost.corners import CORNERS
 from eightpost.errors import FileFormatError
 from eightpost.progress import Listener
 from eightpost.rig import RigTest, read_rig_test
-from eightpost.shock import Port
 from eightpost.signals import Drivefile
 from eightpost.uncertainty import TOTAL, MeasureUncertainty
 from eightpost.validity import ModelUncertainty, Validity
@@ -58,8 +57,7 @@ def measured(folder, shocks):
     law = shocks["lpnl2"].law
     bank = {}
     for build, (compression, rebound) in SCALES.items():
-        port = Port(**{**_fields(law.port), "compression_scale": compression, "rebound_scale": rebound})
-        bank[build] = replace(law, port=port)
+        bank[build] = replace(law, port=replace(law.port, compression_scale=compression, rebound_scale=rebound))
     for seed, run in enumerate(runs):
         builds = result.study.space.setup(run.setup).builds.values()
         sensors = RigSensors.perfect(relative=0.01)
@@ -74,10 +72,6 @@ def measured(folder, shocks):
         )
         test.write(run.file)
     return runs
-
-
-def _fields(port: Port) -> dict[str, float]:
-    return {name: getattr(port, name) for name in Port.__slots__}
 
 
 def test_the_table_of_terms_never_replaces_the_results_that_it_is_made_from(folder):

@@ -138,10 +138,6 @@ def test_a_measure_without_any_error_has_gains_of_zero():
     assert model.of(found[0].local)[1]["mean"] == 0.0
 
 
-def test_local_errors_are_named_by_bond_and_way():
-    assert local_errors(run_with([1.0, 2.0, 3.0, 4.0]))["rf.force"] == 2.0
-
-
 # ---- FMUs that make steps of one size only ---------------------------------------------------------------------------
 
 

@@ -12,15 +12,21 @@ from typing import Any
 
 import pytest
 
+from cosim.study import Measure, Study
 from cosim.study.running.sweep import Sweep, file_digests, run_study, study_digest
+from cosim.study.running.workers import program
 from cosim.study.table import StudyResult
 from eightpost.corners import CORNERS
 from eightpost.errors import InputError
 
-pytest.importorskip("distributed", reason="needs the extra dask")
+from .constructed import cells
 
-from cosim.study.running import dask_workers
-from cosim.study.running.dask_workers import TimeLimit
+distributed = pytest.importorskip("distributed", reason="needs the extra dask")
+
+import dask  # noqa: E402 -- after the skip
+
+from cosim.study.running import dask_workers  # noqa: E402
+from cosim.study.running.dask_workers import TimeLimit  # noqa: E402
 
 PATIENCE = 10.0
 
@@ -103,15 +109,6 @@ def test_before_any_setup_has_run_each_may_take_as_long_as_the_choice_of_the_cou
 
 
 # ==== A study on a Dask cluster: the same table, files by digest, workers that may die ===============================
-
-distributed = pytest.importorskip("distributed", reason="needs the extra dask")
-
-import dask  # noqa: E402 -- after the skip
-
-from cosim.study import Measure, Study  # noqa: E402
-from cosim.study.running.workers import program  # noqa: E402
-
-from .constructed import cells  # noqa: E402
 
 #: A measure that ends its worker in the one setup where it is large.
 DEADLY = """

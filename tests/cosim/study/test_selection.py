@@ -11,8 +11,7 @@ import pytest
 
 from cosim.study.choice.assess import certainty_of
 from cosim.study.choice.certainty import Certainty, NextTest
-from cosim.study.choice.rig_day import _spread, read_run_list, read_selection, select, selection_of, write_selection
-from cosim.study.definition import Term
+from cosim.study.choice.rig_day import read_run_list, read_selection, select, selection_of, write_selection
 from cosim.study.table import StudyResult
 from eightpost.api.study_folder import StudyFolder
 from eightpost.errors import FileFormatError
@@ -94,21 +93,6 @@ def test_chosen_setups_differ_more_than_the_plain_extremes_do():
     plain = [STUDY.setup(int(row)) for row in np.argsort(STUDY.values("front"))[[0, 1, 2, 3, -4, -3, -2, -1]]]
     assert fewest_changes(plain) == 1
     assert selection.closest == fewest_changes([s.setup for s in selection.chosen]) == 2
-
-
-def test_among_setups_equally_far_from_the_nearest_the_one_farthest_from_the_others_is_chosen():
-    """Both candidates differ in two corners from the nearest one; from the other, one differs in two, one in four."""
-    levels = np.array([[0, 0, 0, 0], [1, 1, 1, 1], [0, 0, 1, 1], [0, 0, 2, 2]])
-    assert _spread(np.array([2, 3]), levels, [0, 1], 1, 1.0) == [3]
-    # The distance from the nearest one has priority.
-    levels[2] = [0, 2, 1, 2]
-    assert _spread(np.array([3, 2]), levels, [0, 1], 1, 1.0) == [2]
-
-
-def test_the_measures_of_the_objective_are_confirmed_by_default():
-    objective = (Term("rear", 2.0, "in"), Term("front", 1.0, "in"))
-    selection = select(result({"front": front, "rear": rear, "accel": accel}, objective=objective), total=10)
-    assert [len(selection.of(m)) for m in ("rear", "front", "accel")] == [6, 4, 0]
 
 
 def test_failed_setups_are_not_sent_to_the_rig():

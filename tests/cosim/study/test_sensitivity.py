@@ -61,15 +61,6 @@ def test_a_part_of_the_bank_gives_the_same_terms(kept):
     assert found.share("lf") == pytest.approx(sensitivity(FACTORS, LEVELS, constructed(LEVELS)).share("lf"))
 
 
-def test_a_failed_setup_is_ignored():
-    values = constructed(LEVELS)
-    values[17] = np.nan
-    found = sensitivity(FACTORS, LEVELS, values)
-    assert found.setups == 80
-    assert found.method == "fitted"
-    np.testing.assert_allclose(found.main["lr"], LR, atol=1e-12)
-
-
 def test_noise_appears_in_the_rest_with_its_variance():
     deviation = 0.3
     part = np.random.default_rng(5).permutation(81)[:70]
@@ -111,13 +102,6 @@ def test_a_study_has_sensitivities_for_every_measure():
     found = {s.measure: s for s in sensitivities_of(result({"front": front, "rear": rear}))}
     assert [found["front"].share(corner) for corner in CORNERS] == pytest.approx([0.5, 0.5, 0.0, 0.0])
     assert [found["rear"].share(corner) for corner in CORNERS] == pytest.approx([0.0, 0.0, 1.0, 0.0])
-
-
-def test_corners_that_are_kept_alike_are_one_factor():
-    study = result({"sum": lambda digits: digits.sum(axis=1) + 0.0}, alike=(("lf", "rf"), ("lr", "rr")))
-    (found,) = sensitivities_of(study)
-    assert (found.method, found.setups) == ("exact", 49)
-    assert found.share("lf+rf") == pytest.approx(0.5)
 
 
 # ==== Conversion of setups from numbers to factor levels and back ====================================================
