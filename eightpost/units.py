@@ -222,7 +222,8 @@ def _converted(source: str, target: str) -> tuple[float, float] | None:
     if all(text in table.exponents for text in pair):
         return table.conversions.get(pair)
     with _pint(f"cannot convert {source!r} to {target!r}") as pint_units:
-        return pint_units.conversion(*pair)
+        found: tuple[float, float] | None = pint_units.conversion(*pair)
+        return found
 
 
 @contextmanager

@@ -284,15 +284,16 @@ def bump_drive(car: AnyCar, *, height: float = 0.4 * _INCH, period: float = 10.0
     return _drivefile(car, time.size, _in_mode(car, "heave", wave))
 
 
-def static_drive(car: AnyCar, kind: str = "heave", *, levels: int = 5, hold: float = 5.0) -> Drivefile:
-    """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero, and back.
-
-    The largest force is `STATIC_PUSH` if all active aeroloaders push, and `STATIC_PULL` in pitch, roll and warp, in
-    which two of them pull.
+def static_drive(
+    car: AnyCar, kind: str = "heave", *, most: float | None = None, levels: int = 5, hold: float = 5.0
+) -> Drivefile:
+    """Return the spring-rating test of 6.1.3: the aeroloader forces increase in levels from zero to `most`, and back.
 
     Args:
         car: Car with four aeroloaders.
         kind: Type of loading: heave, pitch, roll, warp, or the name of one aeroloader, such as `lf.aero`.
+        most: Maximum force of each active aeroloader [N]; in pitch, roll and warp, two of them pull. Default
+            `STATIC_PUSH` if all push and `STATIC_PULL` if some pull.
         levels: Number of force levels above zero; default 5.
         hold: Duration of each level [s], after a ramp of 1 s; default 5 (6.4.4).
 
@@ -306,7 +307,8 @@ def static_drive(car: AnyCar, kind: str = "heave", *, levels: int = 5, hold: flo
         )
     if kind not in (*SIGNS, *names):
         raise ParameterError(f"there is no static test {kind!r}; there are {', '.join((*SIGNS, *names))}")
-    most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
+    if most is None:
+        most = STATIC_PULL if kind in ("pitch", "roll", "warp") else STATIC_PUSH
     steps = [*range(levels + 1), *range(levels - 1, -1, -1)]
     corners = [(k * (hold + 1.0) + rest, level) for k, level in enumerate(steps) for rest in (0.0, hold)]
     times, shares = np.array(corners).T
