@@ -11,6 +11,7 @@ from contextvars import ContextVar
 from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -202,14 +203,12 @@ def _known(unit: str) -> str:
     text = _expression(unit[: _LONGEST + 1])
     if text in _table().exponents:
         return text
-    if len(unit) > _LONGEST or _ENDLESS.search(text):
+    if len(unit) > _LONGEST or "//" in unit or _ENDLESS.search(text):  # pint reads // as a floor division
         shown = unit if len(unit) <= _LONGEST else f"{unit[:_LONGEST]}..."
         raise UnknownUnitError(f"unknown unit {shown!r}; examples of units: {_EXAMPLES}")
     from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
 
     try:
-        if "//" in unit:  # pint reads it as a floor division
-            raise ValueError("a doubled slash")
         pint_units.unit(text)
     except Exception as error:  # pint raises several types, including AssertionError from its parser
         raise UnknownUnitError(f"unknown unit {unit!r}; examples of units: {_EXAMPLES}") from error
@@ -222,20 +221,19 @@ def _converted(source: str, target: str) -> tuple[float, float] | None:
     table, pair = _table(), (_known(source), _known(target))
     if all(text in table.exponents for text in pair):
         return table.conversions.get(pair)
-    from eightpost import pint_units  # noqa: PLC0415
-
-    with _refusing(f"cannot convert {source!r} to {target!r}"):
-        return pint_units.conversion(*pair)
+    with _pint(f"cannot convert {source!r} to {target!r}") as pint_units:
+        found: tuple[float, float] | None = pint_units.conversion(*pair)
+        return found
 
 
 @contextmanager
-def _refusing(what: str) -> Iterator[None]:
-    """Turn pint's errors, for example for an overflow or a power of a temperature, into an UnknownUnitError."""
+def _pint(what: str) -> Iterator[ModuleType]:
+    """Yield `pint_units`; its errors, for example for an overflow or a power of a temperature, become ours."""
+    from eightpost import pint_units  # noqa: PLC0415 -- it takes long to load
+
     try:
-        yield
-    except UnknownUnitError:
-        raise
-    except Exception as error:  # pint raises several types
+        yield pint_units
+    except Exception as error:  # pint raises several types, including AssertionError from its parser
         raise UnknownUnitError(f"{what}: {error}") from error
 
 
@@ -437,9 +435,7 @@ def _exponents(unit: str) -> tuple[tuple[str, int], ...]:
     text = _known(unit)
     powers = _table().exponents.get(text)
     if powers is None:
-        from eightpost import pint_units  # noqa: PLC0415
-
-        with _refusing(f"no SI unit for {unit!r}"):
+        with _pint(f"no SI unit for {unit!r}") as pint_units:
             powers = pint_units.exponents(text)
     if unknown := sorted(set(powers) - set(_BASE)):
         raise UnknownUnitError(f"no SI unit for {unit!r}: {unknown[0]} is not supported")
@@ -455,9 +451,7 @@ def si_factor(unit: str) -> float:
     text = _known(unit)
     factor = _table().factors.get(text)
     if factor is None:
-        from eightpost import pint_units  # noqa: PLC0415
-
-        with _refusing(f"no SI unit for {unit!r}"):
+        with _pint(f"no SI unit for {unit!r}") as pint_units:
             factor = pint_units.factor(text)
     return factor
 

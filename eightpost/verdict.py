@@ -85,11 +85,6 @@ class Rule:
 class Rules(list[Rule]):
     """Table of the rules of one area, in the order of their definition; docs/reference/verdict.md lists them."""
 
-    def add(self, name: str, about: str, grade: Grade, *, condition: str, why: str, remedy: str = "nothing") -> Rule:
-        """Add a rule to the table and return it; see `Rule` for the arguments."""
-        self.append(Rule(name, about, grade, condition, why, remedy))
-        return self[-1]
-
     @classmethod
     def read(cls, path: Path, about: str = "", **limits: float | str) -> Rules:
         """Read the rules of a text file: `name | subject | grade`, then `if:`, `why:` and, unless it is nothing, `do:`.
@@ -239,13 +234,14 @@ KEY = "judged"
 #: Entries of a sealed document that its digest leaves out.
 _LEFT_OUT = (KEY, "tool")
 
-RULES = Rules()
-
-EDITED = RULES.add("edited after it was judged", "file", Grade.UNKNOWN,
+EDITED = Rule(
+    "edited after it was judged", "file", Grade.UNKNOWN,
     condition="the digest beside a verdict (`judged`) is not that of the numbers and of the verdict in the file",
     why="the verdict was about other numbers: those of the fit or of the run",
     remedy="fit, identify or run it again",
 )  # fmt: skip
+
+RULES = Rules([EDITED])
 
 
 def digest_of(judged: object) -> str:

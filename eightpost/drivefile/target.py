@@ -14,6 +14,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
+from scipy.signal.windows import tukey
 
 from eightpost.array_types import Array, Complex
 from eightpost.corners import CORNERS, channel
@@ -185,10 +186,7 @@ class Target:
 
 def _fade_in_and_out(count: int, fade: int) -> Array:
     """Return weights (count,) that grow from 0 to 1 over `fade` samples and decrease to 0 at the end."""
-    window = np.ones(count)
-    window[:fade] = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade) / fade)
-    window[count - fade :] = window[:fade][::-1]
-    return window
+    return np.asarray(tukey(count, 2.0 * fade / (count - 1)))
 
 
 def target_names(available: Iterable[str]) -> tuple[str, ...]:

@@ -198,7 +198,9 @@ DOWNFORCE = (700.0 * _POUND, 550.0 * _POUND)
 STATIC_PUSH, STATIC_PULL = 1000.0 * _POUND, 500.0 * _POUND
 
 
-def random_drive(car: AnyCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = ()) -> Drivefile:
+def random_drive(
+    car: AnyCar, seed: int, *, duration: float = 800.0, active: Sequence[str] = (), road_peak: float = ROAD_PEAK
+) -> Drivefile:
     """Return the random test: Gaussian noise with the spectra of Table 6.3 on all actuators, or on `active` ones only.
 
     The noise is shaped by a linear-phase filter of 8 s (6.1.3 has a Yule-Walker fit) and scaled to the peaks of 6.1.3.
@@ -209,6 +211,7 @@ def random_drive(car: AnyCar, seed: int, *, duration: float = 800.0, active: Seq
         seed: Seed of the noise generator.
         duration: Duration [s]; 800, and 100 for single inputs (6.1.3).
         active: Names of the inputs that move; empty for all inputs.
+        road_peak: Peak amplitude of the roads [m].
 
     Raises:
         ParameterError: The car does not have an input, or the duration is not positive.
@@ -221,7 +224,7 @@ def random_drive(car: AnyCar, seed: int, *, duration: float = 800.0, active: Seq
     for name in car.inputs:
         is_road = name in car.named("road")
         noise = _shaped_noise(generator, count, WHEELLOADER if is_road else AEROLOADER)
-        peak = ROAD_PEAK if is_road else AERO_PEAK
+        peak = road_peak if is_road else AERO_PEAK
         if car.geometry is not None and name.endswith("_moment"):  # with half the wheelbase as lever arm
             peak *= 0.5 * (car.geometry.front_axle + car.geometry.rear_axle)
         if not active or name in active:

@@ -304,6 +304,7 @@ def run_test(
     seed: int = 0,
     sensors: RigSensors | None = None,
     drift: Drift | None = None,
+    actuators: Actuators | None = None,
     lead: float = LEAD,
     conditions: RigConditions | None = None,
 ) -> RigTest:
@@ -316,12 +317,13 @@ def run_test(
         seed: Seed of noise and drift.
         sensors: Sensor noise; default that of a rig, `RigSensors.perfect()` for none.
         drift: Standard deviations of the random drift; `NO_DRIFT` for none.
+        actuators: Bandwidths of the actuators.
         lead: Lead-in before the record [s]; see `simulate`.
         conditions: Conditions to write into the file; the name of the car and the seed are added.
     """
     generator, drift = np.random.default_rng(seed), drift or Drift()
     car = drift.of(car, generator)
-    drive = Actuators().follow(drivefile.series, car)
+    drive = (actuators or Actuators()).follow(drivefile.series, car)
     motion = simulate(car, [Run(drive, tuple(shocks))], lead=lead)[0]
     channels = sensor_channels(car, motion, sensors or RigSensors(), generator)
     channels = {n: (u, row + drift.zero(n, generator)) for n, (u, row) in channels.items()}

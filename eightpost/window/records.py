@@ -54,17 +54,19 @@ DYNO = ("force", "displacement", "velocity")
 Columns = tuple["RawRecord", Mapping[str, str]]
 
 
-def columns_of(record: Path) -> Columns:
+def columns_of(record: Path) -> Columns | None:
     """Return a record as it is in its file, and the column of each rig channel that only one could be.
 
-    Raises:
-        FileFormatError: The file cannot be read.
+    It is None if the file cannot be read.
     """
     from eightpost.rig.columns import propose_map
     from eightpost.signals import read_records
 
-    raw = read_records(record)[0]
-    proposal = propose_map(raw)
+    try:
+        raw = read_records(record)[0]
+        proposal = propose_map(raw)
+    except EightpostError:
+        return None
     return raw, {name: found[0] for name, found in proposal.columns.items() if len(found) == 1} if proposal else {}
 
 
@@ -261,11 +263,7 @@ def _record(window: Window, path: Path) -> _Read:
     try:
         return _Read(path, _read(path, stamp, tuple(sorted(reading.items()))))
     except EightpostError as error:
-        try:
-            columns = columns_of(path)
-        except EightpostError:
-            return _Read(path, error=error)
-        return _Read(path, error=error, columns=columns)
+        return _Read(path, error=error, columns=columns_of(path))
 
 
 @lru_cache(maxsize=32)
@@ -402,10 +400,7 @@ def _car_records(window: Window) -> tuple[list[Path], EightpostError | None, Col
         if files:
             ep.read(files[0], "rig")
     except EightpostError as error:
-        try:
-            return files, error, columns_of(files[0])
-        except EightpostError:
-            return files, error, None
+        return files, error, columns_of(files[0])
     return files, None, None
 
 

@@ -238,15 +238,9 @@ OBJECTIVES = {
 
 async def show_study(window: Window) -> None:
     """Build the screen."""
-    chosen = window.chosen.setdefault(
-        "study", {"name": "study", "bank": [], "objective": next(iter(OBJECTIVES)), "alike": True, "stop": 10.0}
-    )
+    chosen = window.chosen.setdefault("study", {"name": "study", "bank": [], "alike": True, "stop": 10.0})
     cars = {window.folder.name(path): path.name for path in window.folder.documents("vehicle")}
     shocks = {window.folder.name(path): path.stem for path in window.folder.documents("shock")}
-    tracks = window.folder.drives()
-    for key, options in (("car", cars), ("drive", tracks), ("baseline", shocks)):
-        if chosen.get(key) not in options:
-            chosen[key] = next(iter(options), None)
     chosen["bank"] = [path for path in chosen["bank"] if path in shocks]
 
     def start() -> None:
@@ -264,9 +258,8 @@ async def show_study(window: Window) -> None:
 
     def build(pages: list[Path]) -> None:
         if not pages:
-            ui.label("Fit two or more shocks, drop a drive file on the screen Run, and run the study.").classes(
-                "text-base"
-            )
+            said = "Fit two or more shocks, drop a drive file on the screen Run, and run the study."
+            ui.label(said).classes("text-base")
             return
         show_files(window, [(f"page of {path.parent.name}", path) for path in reversed(pages)])
         address = f"/file/{window.folder.name(pages[-1])}?{pages[-1].stat().st_mtime_ns}"
@@ -275,15 +268,13 @@ async def show_study(window: Window) -> None:
 
     with ui.row().classes("w-full no-wrap screen"):
         with ui.column().classes("side"):
-            ui.select(cars, label="Car").bind_value(chosen, "car").classes("w-full").props("dense")
-            ui.select(tracks, label="Drive file").bind_value(chosen, "drive").classes("w-full").props("dense")
+            _choice(chosen, "car", cars, "Car")
+            _choice(chosen, "drive", window.folder.drives(), "Drive file")
             bank = ui.select(shocks, label="Shocks to choose from", multiple=True).bind_value(chosen, "bank")
             bank.classes("w-full").props("use-chips dense")
-            ui.select(shocks, label="On the car today").bind_value(chosen, "baseline").classes("w-full").props("dense")
+            _choice(chosen, "baseline", shocks, "On the car today")
             ui.checkbox("left and right alike").bind_value(chosen, "alike")
-            ui.select(list(OBJECTIVES), label="Make small").bind_value(chosen, "objective").classes("w-full").props(
-                "dense"
-            )
+            _choice(chosen, "objective", {name: name for name in OBJECTIVES}, "Make small")
             ui.number("Length of the drive [s]", min=1.0).bind_value(chosen, "stop").classes("w-full").props("dense")
             ui.input("Name of the study").bind_value(chosen, "name").classes("w-full").props("dense")
             ui.button("Run the study", on_click=start).props("no-caps").classes("w-full")

@@ -232,7 +232,7 @@ def _supervised_on_windows(work: Callable[[], object], complain: Callable[[str],
 
     global record  # noqa: PLW0603
     name = os.environ.pop("EIGHTPOST_SUPERVISED", "")
-    record = Record(mmap.mmap(-1, SIZE, tagname=name or f"eightpost_{os.getpid()}"))  # type: ignore[call-arg]  # type: ignore[call-arg]  # type: ignore[call-arg]
+    record = Record(mmap.mmap(-1, SIZE, tagname=name or f"eightpost_{os.getpid()}"))  # type: ignore[call-arg]
     if name:
         _work(work, record)
     environment = {**os.environ, "EIGHTPOST_SUPERVISED": f"eightpost_{os.getpid()}"}

@@ -11,7 +11,7 @@ _IDENTIFY = "compares two recipes for minutes: tests/ident_response/test_identif
 #: Examples that are not run, by their first words, and why.
 NOT_RUN = {
     "app": "serves until it is closed: tests/window/test_window_in_browser.py",
-    "virtual dyno --configuration 1 --test all": "writes every test: tests/virtual/test_virtual_dynamometer.py",
+    "virtual dyno --configuration 1 --test all": "writes every test: tests/virtual/test_dynamometer_drives.py",
     "inspect run7.mf4": "needs an MDF record: tests/signals/test_mdf_file.py reads them",
     "inspect rig.csv --channel": "needs a channel map of a rig: tests/commands/test_inspect.py",
     "virtual rig --program all": "simulates half an hour of rig tests; the same program is run for identification",

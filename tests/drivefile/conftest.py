@@ -33,6 +33,13 @@ class LinearRig:
     vehicle: StructuralVehicle
     target: Target
 
+    def with_target(self, values):
+        """Return the rig with other values of the target."""
+        series = self.target.series
+        return replace(
+            self, target=Target(TimeSeries(series.time, values, series.names, series.units), self.target.high)
+        )
+
     @property
     def start(self):
         return start_response(self.vehicle, self.target)
@@ -86,16 +93,6 @@ def random_car(seed, spread=0.2):
 
 
 @pytest.fixture(scope="session")
-def make_rig():
-    return rig_of
-
-
-@pytest.fixture(scope="session")
-def make_car():
-    return random_car
-
-
-@pytest.fixture(scope="session")
 def quarter():
     """The quarter car's rig and the roads behind its target."""
     return rig_of(read_vehicle(shipped("quarter_car")))
@@ -113,11 +110,9 @@ def settings():
     return Settings(gain=1.0, regularisation=1e-7, is_updated=False, has_means=False)
 
 
-@pytest.fixture(scope="session")
-def problem_of():
-    def make(rig, settings, vehicle=None):
-        return Problem(
-            rig.target, start_response(vehicle or rig.vehicle, rig.target, actuators=ActuatorBands()), settings
-        )
-
-    return make
+def problem_of(rig, settings, vehicle=None, factor=1.0):
+    """Return the problem of a rig's target that starts with the response of a car, multiplied by a factor."""
+    start = start_response(vehicle or rig.vehicle, rig.target, actuators=ActuatorBands())
+    return Problem(
+        rig.target, replace(start, response=start.response.with_response(factor * start.response.H)), settings
+    )

@@ -24,6 +24,7 @@ from eightpost.shock import (
     read_shock,
     write_shock,
 )
+from eightpost.shock.file import fitted_parameters, shock_uncertainty
 from eightpost.shock.laws import FORMER
 
 numbers = st.floats(-1e6, 1e6)
@@ -193,3 +194,15 @@ def test_the_option_says_so_too_and_lists_the_laws(old):
     assert found.output.rstrip().endswith(", ".join(LAWS))
     other = CliRunner().invoke(main, ["fit", "dyno.csv", "--law", "magic"])
     assert other.exit_code == 2 and "no longer" not in other.output and "hysteresis" in other.output
+
+
+def test_what_a_shipped_shock_states(tmp_path, unchanged):
+    shipped = sorted(EXAMPLES.glob("bank/*.json"))[1]
+    shock = read_shock(shipped)
+    uncertain, fitted = shock_uncertainty(shock), fitted_parameters(shock)
+    assert uncertain is not None and fitted is not None
+    write_shock(shock, tmp_path / "shock.json")
+    unchanged({"summary": str(shock), "numbers": " ".join(shock.numbers), "values": fitted.values,
+               "covariance": fitted.covariance, "lowest": fitted.lowest, "highest": fitted.highest,
+               "held": fitted.held, "uncertainty": uncertain.parameters})  # fmt: skip
+    assert (tmp_path / "shock.json").read_text() == shipped.read_text()

@@ -1,5 +1,7 @@
 """The laws satisfy their equations (Eq 3.23 to 3.25), exactly and for any step."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from math import exp
 from pathlib import Path
 
@@ -10,10 +12,23 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from eightpost.shock import Lpf1, Lpnl2, Polylinear, Port, fit_parameters
+from eightpost.shock import LAWS as SHIPPED
+from eightpost.shock import (
+    Lpf1,
+    Lpnl2,
+    Polylinear,
+    Port,
+    Shock,
+    fit_parameters,
+    law_title,
+    own_values,
+    parameter_units,
+    state_names,
+)
 from eightpost.shock.curve import outer_share
 from eightpost.shock.law import MOST_PIECES, STRAIGHT, Piece, valve_force
 from eightpost.shock.laws import law_module, own_parameters
+from tests.drawn import rounded
 
 from .example_curve import curve, knot_curve
 
@@ -267,3 +282,36 @@ def test_the_c_code_divides_a_ramp_into_pieces_like_the_law():
     source = (Path(__file__).parents[2] / "fmus" / "common" / "shock.c").read_text(encoding="utf-8")
     assert f"STRAIGHT = {STRAIGHT};" in source
     assert f"MOST_PIECES = {MOST_PIECES} }}" in source
+
+
+PORT = Port(motion_ratio=0.8, compression_scale=1.1, rebound_scale=0.9, gas_preload=50.0, gas_stiffness=700.0,
+            seal_friction=15.0)  # fmt: skip
+
+
+SPEEDS = np.concatenate([-np.geomspace(1.5, 1e-3, 12), [0.0], np.geomspace(1e-3, 1.5, 12)])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_law(name: str, shocks: dict[str, Shock], unchanged: Callable[..., None]) -> None:
+    law = replace(shocks[name].law, port=PORT)
+    time = np.arange(401) * 1e-3
+    velocity = 0.5 * np.sin(12.0 * time) + 0.2 * np.sin(70.0 * time)
+    travel = 0.04 * (1.0 - np.cos(12.0 * time))
+    state, forces = law.start(float(velocity[0])), []
+    for before, after, place in zip(velocity[:-1], velocity[1:], travel[1:], strict=True):
+        state = law.follow(state, float(before), float(after), 1e-3)
+        forces.append(tuple(law.response(state, float(after), float(place))))
+    kind = type(law)
+    unchanged({
+        "title": law_title(name), "states": state_names(kind), "parameters": own_parameters(kind),
+        "units": parameter_units(kind), "fit": [rounded(str(one)) for one in fit_parameters(kind)],
+        "own": np.array(own_values(law)),
+        "static": np.array([law.static_force(v) for v in SPEEDS.tolist()]),
+        "curve": np.array([law.curve.force(v) for v in SPEEDS.tolist()]),
+        "beyond": [law.curve.is_beyond_fit(v) for v in (-1.2, -1.0, 1.0, 1.3)],
+        "seal": np.array([law.port.seal_force(v) for v in (-0.1, -1e-3, 1e-4, 2e-3)]),
+        "weight": np.array([law.lag_weight(f) for f in (-3000.0, -900.0, 0.0, 400.0, 1200.0, 5000.0)]),
+        "responses": list(np.array(forces, dtype=float).T),
+        "last state": np.array(state if isinstance(state, tuple) else [state]),
+        "summary": str(Shock(name, law)),
+    })  # fmt: skip

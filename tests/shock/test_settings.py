@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from eightpost.errors import ParameterError
 from eightpost.shock import Axis, Hysteresis, Lpf1, Settings, Shock, Term, read_shock, write_shock
+from eightpost.shock.file import setting_text
 from eightpost.shock.settings import is_tested, node_weights
 from eightpost.validity import Validity, judged
 from eightpost.verdict import Grade, Reason, Verdict
@@ -209,3 +210,39 @@ def test_a_hysteresis_law_of_which_a_setting_leaves_no_force_is_still_a_law():
     term = Term(("rebound",), ((0.0,) * 26, (*(-slope for slope in base.curve.knot_slope), 0.0)))
     flat = Settings((axis,), (), (term,), ((0.0,), (5.0,)), ((0.0,) * 25,) * 2).law_at(base, (9.0,))
     assert max(abs(force) for force in flat.curve.knot_force) < 1e-9
+
+
+SETTINGS = [
+    {"rebound": 5}, {"rebound": 14}, {"rebound": 24}, {"rebound": 12, "compression": 3},
+    {"rebound": 2, "compression": 2}, {"compression": 7},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("temperature", [None, 333.0, 360.0])
+def test_a_shock_at_its_settings(temperature, unchanged):
+    shock = Shock("two adjusters", law(), settings=settings(size=60.0))
+    found = {str(setting): shock.at(clicks=setting, temperature=temperature) for setting in SETTINGS}
+    unchanged({name: {
+        "force": np.array(one.law.curve.knot_force), "slope": np.array(one.law.curve.knot_slope),
+        "lag": one.law.time_constant, "band": np.array(one.fit["curve_band"]["half_width [N]"]),
+        "preload": one.law.port.gas_preload, "conditions": one.conditions,
+        "verdict": [str(reason) for reason in one.validity.verdict.reasons],
+    } for name, one in found.items()})  # fmt: skip
+
+
+def test_the_axes_of_settings(unchanged):
+    found, values = settings(), (-1.0, 0.0, 2.0, 5.0, 11.0, 20.0, 24.0, 300.0, 333.0)
+    nodes = ((0.0, 5.0), (0.0, 5.0, 12.0), (0.0, 5.0, 12.0, 20.0))
+    unchanged({
+        "axes": {axis.name: {
+            "whole": axis.is_whole, "variable": axis.variable, "choices": np.array(axis.choices()),
+            "values": [f"{v:g}: beyond {axis.beyond(v):g}, interval {axis.interval(v)}, intervals beyond "
+                       f"{axis.intervals_beyond(v):.6g}, neighbours {axis.neighbours(v)}" for v in values],
+        } for axis in found.axes},
+        "weights": [np.array(node_weights(each, v)) for each in nodes for v in values[:7]],
+        "factors": found.factors, "count": found.deviation_count,
+        "tested": " ".join(str(is_tested(found, (r, c, t))) for r in (0.0, 5.0, 9.0, 16.0)
+                   for c in (0.0, 3.0) for t in (320.0, 330.0)),
+        "text": [setting_text(found, s) for s in ((5.0, 0.0, 320.0), (9.0, 3.0, 333.3))],
+        "summary": str(Shock("two adjusters", law(), settings=found)),
+    })  # fmt: skip

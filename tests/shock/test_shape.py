@@ -22,8 +22,10 @@ from eightpost.shock.shape import (
     Side,
     curve_parameters,
     difference,
+    fit_force,
     fit_law,
     range_of,
+    unit_of,
     with_slope,
 )
 
@@ -177,3 +179,27 @@ def test_a_change_of_no_side_or_of_the_whole_slope_is_refused():
             with_slope(curve, side, 0.1, speeds)
     with pytest.raises(ParameterError, match="cannot change by -1: nothing would be left"):
         with_slope(curve, "rebound", -1.0, "all")
+
+
+SPEEDS = np.concatenate([-np.geomspace(1.5, 1e-3, 12), [0.0], np.geomspace(1e-3, 1.5, 12)])
+
+
+def test_shapes_of_the_shipped_bank(unchanged):
+    fits = [fit_law(read_shock(path).law) for path in BANK[:3]]
+    shapes = [fit.shape for fit in fits]
+    numbers = shapes[0].numbers()
+    unchanged({
+        "fits": [{**fit.shape.numbers(), "relative": fit.relative} for fit in fits],
+        "law": np.array(shapes[0].law().curve.knot_force), "parameters": len(shapes[0].parameters()),
+        "difference": difference(shapes[0], shapes[1].curve().force),
+        "units": {name: unit_of(name) for name in numbers},
+        "ranges": {name: range_of(shapes, name) for name in numbers if name.startswith("rebound")},
+        "asymmetric": fit_force(lambda v: 2e3 * np.tanh(v / 0.1) + (500.0 * v if v > 0.0 else 900.0 * v), 0.8, 0.6),
+    }, relative=1e-3)  # fmt: skip
+
+
+@pytest.mark.parametrize("speeds", ["low", "high", "all"])
+def test_a_steeper_side(speeds, unchanged):
+    curve = read_shock(BANK[0]).law.curve
+    unchanged([np.array([one.force(v) for v in SPEEDS.tolist()]) for side in ("compression", "rebound")
+               for one in with_slope(curve, side, 0.2, speeds)])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Tests of friction at the ports: second order, no effect with zero force, and dissipation of energy."""
+"""Friction, bristles and springs at the ports: order of the steps, no effect without force, dissipation, balance."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from eightpost.vehicle import LinearStepper, add_port_damping, read_vehicle, shipped
 from eightpost.vehicle import friction as module
-from eightpost.vehicle.friction import PortFriction, advance, output, ports_of
+from eightpost.vehicle.friction import Bristles, PortFriction, advance, equilibrium, named_ports, output, ports_of
 
 QUARTER = read_vehicle(shipped("quarter_car"))
 SEVEN = read_vehicle(shipped("seven_dof"))
@@ -36,16 +36,6 @@ def with_friction(name, force, width):
     velocities = [model.output_names.index(f"{n}velocity") for n in names]
     ports = ports_of(stepper, forces, velocities)
     return stepper, PortFriction(ports, np.broadcast_to(force, len(names)), np.broadcast_to(width, len(names)))
-
-
-def roads(name, time):
-    """Return every input at the given times (len(time), m): roads of a few sines, no loads."""
-    model, rng = MODELS[name], np.random.default_rng(4)
-    u = np.zeros((len(time), len(model.inputs)))
-    for k, channel in enumerate(model.input_names):
-        for frequency in (1.0, 2.5, 7.0, 12.0) if channel.endswith("road") else ():
-            u[:, k] += 0.006 / frequency * np.sin(2 * np.pi * frequency * time + rng.uniform(0, 2 * np.pi))
-    return u - u[0]
 
 
 def run(stepper, friction, x, u, h):
@@ -220,3 +210,112 @@ def test_the_friction_needs_numpy_only():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert float(done.stdout) == 0.0625
+
+
+# ---- Bristles and springs --------------------------------------------------------------------------------------------
+
+PORTS = {"seven_dof": ("lf.", "rf.", "lr.", "rr."), "quarter_car": ("",)}
+
+
+def bristled(name, force, reach, *, spring=0.0):
+    """Return a damped car, its stepper, and bristles and springs at its ports."""
+    model = MODELS[f"{name} with damper"]
+    stepper, bare = with_friction(f"{name} with damper", 0.0, 1.0)
+    one = np.ones(bare.force.size)
+    bristles = Bristles(force * one, reach * one, 1.15 * one, 0.01 * one)
+    ports = named_ports(stepper, (model.input_names, model.output_names), PORTS[name], PORTS[name])
+    return model, stepper, PortFriction(ports, bare.force, one, bristles, spring * one)
+
+
+def roads(model, step, seconds):
+    """Return inputs (N + 1, m): roads of many sines up to 25 Hz, from zero."""
+    time, rng = np.arange(0.0, seconds + 0.5 * step, step), np.random.default_rng(3)
+    u = np.zeros((time.size, len(model.inputs)))
+    for k, name in enumerate(model.input_names):
+        for frequency in np.arange(0.5, 25.0, 0.5) if name.endswith("road") else ():
+            wave = np.sin(2 * np.pi * frequency * time + rng.uniform(0.0, 2 * np.pi))
+            u[:, k] += 0.01 / frequency**1.2 * rng.normal() * wave
+    return u - u[0]
+
+
+def outputs(stepper, rubbing, u, step):
+    """Return the outputs (N, p) after each step from zero."""
+    states = run(stepper, rubbing, np.zeros(len(stepper.A) + rubbing.states), u, step)
+    return np.array([output(stepper, rubbing, x, now) for x, now in zip(states[1:], u[1:], strict=True)])
+
+
+def errors(found, exact):
+    return np.sqrt(np.mean((found - exact) ** 2, axis=0)) / exact.std(axis=0)
+
+
+@pytest.mark.nightly
+def test_the_error_falls_with_the_square_of_the_sub_step(monkeypatch):
+    """On a rough road with many reversals, against steps 16 times finer than the finest."""
+    model, stepper, rubbing = bristled("quarter_car", 200.0, 1e-4, spring=2e5)
+    u, found = roads(model, 1e-3, 0.25), {}
+    monkeypatch.setattr(module, "SUB_STEP_ANGLE", 1e3)  # one sub-step per step, so that steps set the sub-steps
+    for finer in (1, 2, 4, 64):
+        time = np.arange(0, (len(u) - 1) * finer + 1) / finer
+        ramps = np.column_stack([np.interp(time, np.arange(len(u)), row) for row in u.T])
+        found[finer] = outputs(stepper, rubbing, ramps, 1e-3 / finer)[finer - 1 :: finer]
+    velocity = model.output_names.index("velocity")
+    size = [errors(found[finer], found[64])[velocity] for finer in (1, 2, 4)]
+    orders = np.log2(np.array(size[:-1]) / np.array(size[1:]))
+    assert (orders > 1.7).all(), orders
+    assert size[0] < 1.5e-3
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("force, reach", [(50.0, 1e-4), (200.0, 6e-5)])
+def test_a_step_of_1_ms_is_within_a_thousandth(monkeypatch, force, reach):
+    model, stepper, rubbing = bristled("quarter_car", force, reach, spring=2e5)
+    u = roads(model, 1e-3, 0.4)
+    found = outputs(stepper, rubbing, u, 1e-3)
+    monkeypatch.setattr(module, "SUB_STEP_ANGLE", module.SUB_STEP_ANGLE / 16)
+    worst = dict(zip(model.output_names, errors(found, outputs(stepper, rubbing, u, 1e-3)), strict=True))
+    assert worst["velocity"] < 2e-4
+    assert worst["tire_force"] < 5e-5
+    assert worst["hub_acceleration"] < 1e-3
+
+
+def test_bristles_without_force_leave_the_step_of_the_other_friction_as_it_is():
+    model, stepper, rubbing = bristled("seven_dof", 0.0, 1e-4)
+    ports = named_ports(stepper, (model.input_names, model.output_names), PORTS["seven_dof"], ())
+    force, width = np.array([80.0, 0.0, 20.0, 300.0]), np.full(4, 0.004)
+    old, new = PortFriction(ports, force, width), PortFriction(ports, force, width, rubbing.bristles)
+    u, x, y = roads(model, 1e-3, 0.05), np.zeros(len(model.A)), np.zeros(len(model.A) + 4)
+    for before, after in pairwise(u):
+        x, y = advance(stepper, old, x, before, after, 1e-3), advance(stepper, new, y, before, after, 1e-3)
+    np.testing.assert_array_equal(y[:-4], x)
+    assert not y[-4:].any()
+
+
+@settings(max_examples=30)
+@given(st.floats(1e-4, 0.1), st.floats(1.0, 1e4), st.floats(1e-6, 1e-3), st.floats(0.0, 1e6))
+def test_the_sub_steps_are_the_fewest_within_the_angle(h, force, reach, spring):
+    _, _, rubbing = bristled("quarter_car", force, reach, spring=spring)
+    count = rubbing.sub_steps(h)
+    angle = h * rubbing.squared_frequency**0.5
+    assert angle / count <= module.SUB_STEP_ANGLE * (1.0 + 1e-12)
+    assert count == 1 or angle / (count - 1) >= module.SUB_STEP_ANGLE * (1.0 - 1e-12)
+
+
+@settings(max_examples=30)
+@given(st.lists(st.floats(-3e5, 3e5), min_size=4, max_size=4), st.integers(0, 1000))
+def test_the_start_balances_springs_and_stays(springs, seed):
+    model, stepper, rubbing = bristled("seven_dof", 100.0, 1e-4)
+    rubbing = PortFriction(rubbing.ports, rubbing.force, rubbing.width, rubbing.bristles, np.array(springs))
+    loads = np.array([0.0 if name.endswith("road") else 300.0 for name in model.input_names])
+    u = loads * np.random.default_rng(seed).normal(size=loads.size)
+    x = equilibrium(stepper, rubbing, u)
+    assert not x[-4:].any()
+    own, forced = x[:-4], u + rubbing.inputs(x)
+    np.testing.assert_allclose(model.A @ own + model.B @ forced, 0.0, atol=1e-6)
+    after = advance(stepper, rubbing, x, u, u, 0.01)
+    np.testing.assert_allclose(after, x, rtol=1e-6, atol=1e-9)
+
+
+def test_a_spring_that_gives_way_has_no_start():
+    _, stepper, rubbing = bristled("quarter_car", 0.0, 1e-4, spring=5e7)
+    with pytest.raises(ValueError, match="port springs have no steady state"):
+        equilibrium(stepper, rubbing, 3e4 * rubbing.ports.selector[:, 0])

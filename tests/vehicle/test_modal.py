@@ -9,16 +9,11 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag, hadamard
 
 from eightpost.errors import ParameterError
-from eightpost.vehicle import Channel, LinearStepper, StateSpace, read_vehicle, shipped
+from eightpost.vehicle import Channel, LinearStepper, StateSpace
 from eightpost.vehicle.kernel import equilibrium
 from eightpost.vehicle.modal import ACCURACY, modal_form
 
-CARS = {
-    "quarter_car": read_vehicle(shipped("quarter_car")).coupled(),
-    "quarter_car with damper": read_vehicle(shipped("quarter_car")).with_damper(),
-    "seven_dof": read_vehicle(shipped("seven_dof")).coupled(),
-    "seven_dof with damper": read_vehicle(shipped("seven_dof")).with_damper(),
-}
+from .test_friction import MODELS
 
 
 def model_of(A, *, B=None, C=None, m=2, p=3, seed=0):
@@ -71,9 +66,9 @@ def difference(model, *, steps=60, seed=1):
     return float((np.abs(np.subtract(found, expected)).max(0) / np.abs(expected).max(0)).max(initial=0.0))
 
 
-@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize("name", MODELS)
 def test_the_modal_form_of_a_car_agrees_with_the_exact_stepper(name):
-    assert difference(CARS[name]) < 1e-12
+    assert difference(MODELS[name]) < 1e-12
 
 
 @settings(max_examples=25)
@@ -84,7 +79,7 @@ def test_the_modal_form_of_a_random_model_agrees_with_the_exact_stepper(n, seed)
 
 @pytest.mark.parametrize("copies", [2, 4])
 def test_uncoupled_identical_cars_remain_exactly_uncoupled(copies):
-    one = CARS["quarter_car with damper"]
+    one = MODELS["quarter_car with damper"]
     A, B, C = (block_diag(*[matrix] * copies) for matrix in (one.A, one.B, one.C))
     form, alone = modal_form(model_of(A, B=B, C=C)), modal_form(one)
     for k in range(copies):
@@ -121,9 +116,9 @@ def test_a_mode_of_exactly_zero_integrates_its_input():
     np.testing.assert_allclose(modes.C @ end, [0.5 * 3.0 * 3.0 * 0.1], rtol=1e-15)
 
 
-@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize("name", MODELS)
 def test_the_steady_state_gives_the_models_steady_outputs(name):
-    model, form = CARS[name], modal_form(CARS[name])
+    model, form = MODELS[name], modal_form(MODELS[name])
     u = np.where([c.unit == "m" for c in model.inputs], 0.01, 800.0) * np.linspace(-1.0, 1.0, len(model.inputs))
     steady = -(form.B_re @ u + 1j * (form.B_im @ u)) / form.eigenvalues
     found = form.C_re @ steady.real + form.C_im @ steady.imag + form.D @ u
@@ -140,7 +135,7 @@ def test_a_model_without_states_or_inputs_has_a_modal_form(n):
 
 
 def test_the_same_model_gives_the_same_bytes():
-    first, second = (modal_form(CARS["seven_dof"]) for _ in range(2))
+    first, second = (modal_form(MODELS["seven_dof"]) for _ in range(2))
     for name in ("sigma", "omega", "B_re", "B_im", "C_re", "C_im", "D"):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
 
@@ -148,7 +143,7 @@ def test_the_same_model_gives_the_same_bytes():
 @settings(max_examples=20)
 @given(seed=st.integers(0, 1000))
 def test_modes_do_not_depend_on_the_order_of_the_states(seed):
-    model = CARS["quarter_car with damper"]
+    model = MODELS["quarter_car with damper"]
     order = np.random.default_rng(seed).permutation(4)
     other = StateSpace(
         model.A[np.ix_(order, order)], model.B[order], model.C[:, order], model.D, model.inputs, model.outputs

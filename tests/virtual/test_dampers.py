@@ -1,6 +1,13 @@
-"""The dampers obey their equations: they conserve fluid, follow their valves at low speed, dissipate, and converge."""
+"""The dampers obey their equations: they conserve fluid, follow their valves at low speed, dissipate, and converge.
+
+The valving that gives a curve is found among all combinations, with the level of the force left open.
+"""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +18,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.interpolate import CubicSpline
 
 from eightpost.errors import ParameterError
-from eightpost.shock import LAWS
+from eightpost.shock import LAWS, read_shock
 from eightpost.signals import TimeSeries
 from eightpost.units import convert
 from eightpost.virtual import (
@@ -24,12 +31,14 @@ from eightpost.virtual import (
     random_multisine,
     shim_build,
 )
+from eightpost.virtual.damper import PSI, PhysicalDamper, Valving, nearest_valving
 from eightpost.virtual.kernel import NUMBERS, _filling, _plant, shock_force
 from eightpost.virtual.shocks import TruthDamper
 from eightpost.virtual.simulate import _bank
 from eightpost.virtual.valves import SHIM_SETS, ShimStack
+from tests.drawn import rounded
 
-INCH, POUND, PSI, ATMOSPHERE = 0.0254, 4.4482216152605, 6894.757293168, 101_325.0
+INCH, POUND, ATMOSPHERE = 0.0254, 4.4482216152605, 101_325.0
 
 
 def motion(function, duration, rate=2000.0):
@@ -370,3 +379,102 @@ def test_an_unknown_build_and_an_uneven_command_are_refused():
     uneven = TimeSeries.from_channels([0.0, 0.1, 0.3, 0.4], {"displacement": ("m", [0.0, 0.1, 0.0, 0.0])})
     with pytest.raises(ValueError, match="evenly spaced"):
         demo_damper("A").respond(uneven, rate=100.0)
+
+
+BANK = Path(__file__).resolve().parents[2] / "examples" / "bank"
+
+
+@pytest.mark.nightly
+def test_the_static_curve_of_a_valving_is_found_again_with_a_level_that_is_not_its_own():
+    valving = Valving("C", "E", head="A", clicks=12, jet=0.5e-6, dish=0.1e-3)
+    found = nearest_valving(wanted(valving, -40.0))
+    assert found.valving == valving and found.limits == ()
+    assert found.level == pytest.approx(-40.0, abs=0.1) and found.residual < 0.1
+    assert found.combinations > 10_000_000
+
+
+def wanted(valving, level):
+    """Return the static force of a valving, with its seals and a level."""
+    damper = valving.damper()
+    return lambda velocity: damper.static_force(velocity) + np.copysign(damper.seals.drag, velocity) + level
+
+
+@pytest.mark.parametrize("level", [-40.0, 60.0])
+def test_among_few_parts_the_valving_of_a_curve_is_found_with_its_level(monkeypatch, level):
+    monkeypatch.setattr("eightpost.virtual.damper._CODES", ("B", "C", "E", "F"))
+    monkeypatch.setattr("eightpost.virtual.damper.JETS", (0.3e-6, 0.5e-6, 0.8e-6))
+    monkeypatch.setattr("eightpost.virtual.damper.DISHES", (0.0, 0.1e-3, 0.2e-3))
+    valving = Valving("C", "E", head="C", clicks=12, jet=0.5e-6, dish=0.1e-3)
+    found = nearest_valving(wanted(valving, level))
+    assert (found.valving, found.limits, found.combinations) == (valving, (), 3 * 3 * 4**3 * 29)
+    assert (found.level, found.residual) == (pytest.approx(level, abs=0.1), pytest.approx(0.0, abs=0.1))
+    assert found.velocity == pytest.approx(-found.velocity[::-1])
+    force = wanted(valving, level)
+    assert found.force == pytest.approx([force(v) for v in found.velocity.tolist()], abs=0.5)
+    far = nearest_valving(lambda velocity: 1e5 * velocity)
+    assert {"jet", "dish", "compression", "rebound", "head"} >= set(far.limits) > {"jet"}
+    assert far.relative == pytest.approx(far.residual / (1e5 * np.sqrt(np.mean(far.velocity**2))))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("build", ["C/B", "B/C"])
+def test_from_the_fit_of_a_dynamometer_test_the_shims_of_the_shock_are_found(build):
+    shock = read_shock(BANK / f"{build.replace('/', '_')}.json")
+    found = nearest_valving(shock.law.curve.force)
+    assert (found.valving.compression, found.valving.rebound, found.valving.head) == (*build.split("/"), "B")
+    assert found.relative < 0.02
+
+
+def test_a_curve_without_force_is_refused():
+    with pytest.raises(ParameterError, match="no force at any velocity"):
+        nearest_valving(lambda _velocity: 0.0)
+
+
+SPEEDS = (-1.0, -0.4, -0.15, -0.05, -0.01, 0.0, 0.01, 0.05, 0.15, 0.4, 1.0)
+DAMPERS = {
+    "configuration 1": configuration(1),
+    "configuration 6": configuration(6),
+    "configuration 9": configuration(9),
+    "C over AA, 14 clicks, 0 psi": shim_build("C/AA", clicks=14, gas_pressure=0.0),
+    "F over B, 400 psi": shim_build("F/B", clicks=28, gas_pressure=400.0 * PSI),
+    "valving": Valving("C", "E", head="A", clicks=12, jet=0.5e-6, dish=0.1e-3).damper(),
+}
+
+
+@pytest.mark.parametrize("name", DAMPERS)
+def test_a_damper(name: str, unchanged: Callable[..., None]) -> None:
+    damper: PhysicalDamper = DAMPERS[name]
+    run = damper.respond(random_multisine(1, duration=0.5).series, rate=1000.0)
+    unchanged({
+        "damper": rounded(repr(damper)),
+        "numbers": np.array(damper.row.numbers),
+        "start": damper.row.start,
+        "static": np.array([damper.static_force(v) for v in SPEEDS]),
+        "pressures": np.array([damper.steady_pressures(v) for v in SPEEDS]),
+        "damping": damper.nominal_damping(),
+        "travel": damper.cylinder.travel,
+        "run": dict(zip(run.names, run.values, strict=True)),
+        "cavitation": cavitation(run),
+    })  # fmt: skip
+
+
+def test_the_stacks_of_shims(unchanged: Callable[..., None]) -> None:
+    stacks = {code: ShimStack(code) for code in SHIM_SETS}
+    unchanged({code: np.array([stack.stiffness, stack.lift]) for code, stack in stacks.items()})
+
+
+@pytest.mark.parametrize("build", "ABC")
+def test_a_demonstration_damper(build: str, unchanged: Callable[..., None]) -> None:
+    damper = demo_damper(build)
+    run = damper.respond(random_multisine(1, duration=0.5).series, rate=1000.0)
+    static = np.array([damper.static_force(v) for v in SPEEDS])
+    unchanged({"damper": rounded(repr(damper)), "static": static, "run": dict(zip(run.names, run.values, strict=True))})
+
+
+def test_the_valvings_that_come_closest(monkeypatch: pytest.MonkeyPatch, unchanged: Callable[..., None]) -> None:
+    monkeypatch.setattr("eightpost.virtual.damper._CODES", ("B", "C", "E"))
+    monkeypatch.setattr("eightpost.virtual.damper.JETS", (0.3e-6, 0.8e-6))
+    monkeypatch.setattr("eightpost.virtual.damper.DISHES", (0.0, 0.2e-3))
+    digressive = nearest_valving(lambda v: float(1500.0 * np.tanh(v / 0.2) + 800.0 * v + 30.0))
+    straight = nearest_valving(lambda v: 4000.0 * v if v > 0.0 else 9000.0 * v)
+    unchanged({"digressive": digressive, "straight": straight})
