@@ -187,7 +187,7 @@ GOOD, POOR = 2.5, 15.0
 #: large even if the whole loop is that of a late force channel or of a spring (docs/reference/verdict.md).
 NARROW = 12.0
 
-#: Octaves of speed over the peak speed that are low speeds, their smallest number of samples, and the largest mean
+#: Octaves of speed over the peak speed that are low speeds, their smallest number of samples, and the largest median
 #: residual there [%] of a usable fit (docs/explanation/shock_law.md). Below them, friction is most of the force.
 OCTAVES, FEWEST, OFF = ((0.04, 0.08), (0.08, 0.16)), 20, 5.0
 
@@ -238,7 +238,7 @@ def shock_validity(
         reasons.append(RULES.reason("narrow loop", "the test has one frequency and a narrow loop", loop, origin))
     off, velocity = low_speeds
     if off > OFF:
-        where = f"mean residual {off:.2g} % of the force at {velocity:.2g} m/s, limit {OFF:g} %"
+        where = f"median residual {off:.2g} % of the force at {velocity:.2g} m/s, limit {OFF:g} %"
         reasons.append(RULES.reason("low speeds", "the law is wrong at low speeds", where, origin))
     if trouble:
         reasons.append(RULES.reason("fit not converged", "the fit did not converge", trouble, origin))
@@ -247,7 +247,7 @@ def shock_validity(
 
 
 def error_at_low_speeds(measured: TimeSeries, predicted: TimeSeries) -> tuple[float, float]:
-    """Return the largest mean residual in an octave of low speeds, and the middle of this octave [m/s].
+    """Return the largest median residual in an octave of low speeds, and the middle of this octave [m/s].
 
     The residual is in percent of the RMS force there without the gas force; 0 if no octave has enough samples.
     """
@@ -257,7 +257,7 @@ def error_at_low_speeds(measured: TimeSeries, predicted: TimeSeries) -> tuple[fl
         for side in (1.0, -1.0):
             here = (side * velocity > low) & (side * velocity <= high)
             if here.sum() >= FEWEST:
-                share = np.abs(error[here].mean()) / np.sqrt(np.mean(force[here] ** 2))
+                share = np.abs(np.median(error[here])) / np.sqrt(np.mean(force[here] ** 2))
                 found.append((100.0 * float(share), side * float(np.sqrt(low * high))))
     return max(found)
 
