@@ -390,7 +390,7 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
     predicted = _predicted(model.dynamics.law(curve, Port(), theta), runs, model.gas.columns @ g)
     static = _predicted(Polylinear(curve), runs, model.gas.columns @ g)
-    rms, static_rms = (_rms(one["force"] - measured["force"]) for one in (predicted, static))
+    rms, static_rms = (float(np.sqrt(np.mean((one["force"] - measured["force"]) ** 2))) for one in (predicted, static))
     parameters = parameters_of(solution, story.level)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas)
     warnings = (*_notes_of(tests), *found, *ends)
@@ -437,10 +437,6 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         held_out=story.held_out,
         between_builds=story.between_builds,
     )
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:

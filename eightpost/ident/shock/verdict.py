@@ -127,14 +127,10 @@ def findings(solution: Solution, parameters: Iterable[Parameter], *, recipe: str
     """Return a sentence for each doubt about a solution besides those of the verdict."""
     # A gas stiffness at its lower bound, 0, is normal.
     own = [parameter for parameter in parameters if parameter.name != "gas_stiffness"]
-    bounds = [_at_bound(parameter) for parameter in own if parameter.at_bound]
+    at_bound = ((p, *in_field_units(p.value, p.unit)) for p in own if p.at_bound)
+    bounds = [f"{p.name} = {value:.4g} {unit} is at its {p.at_bound} bound" for p, value, unit in at_bound]
     offset = _offset(solution) if gas == "subtracted" else []
     return [*bounds, *_unused_fading(solution), *_stiff_with_lag(solution, recipe), *offset]
-
-
-def _at_bound(parameter: Parameter) -> str:
-    value, unit = in_field_units(parameter.value, parameter.unit)
-    return f"{parameter.name} = {value:.4g} {unit} is at its {parameter.at_bound} bound"
 
 
 def _unused_fading(solution: Solution) -> list[str]:
@@ -432,7 +428,8 @@ def build_spread(
 
 def _spread(found: dict[str, Solution], common: Solution, notes: tuple[str, ...]) -> BuildSpread:
     solutions = list(found.values())
-    velocity = _shared_velocities(solutions)
+    inside = [one.model.runs.velocity[one.model.runs.inside] for one in solutions]
+    velocity = np.linspace(max(float(v.min()) for v in inside), min(float(v.max()) for v in inside), POINTS)
     force, errors = (np.array(rows) for rows in zip(*(_curve(one, velocity) for one in solutions), strict=True))
     middle = _curve(common, velocity)[0]
     variance = np.var(force, axis=0, ddof=1) - np.mean(errors**2, axis=0)
@@ -457,11 +454,6 @@ def side_scales(force: Array, common: Array, velocity: Array) -> dict[str, Array
         side = sign * velocity > 0.0
         found[name] = np.asarray(force[:, side] @ common[side] / (common[side] @ common[side]))
     return found
-
-
-def _shared_velocities(solutions: Sequence[Solution]) -> Array:
-    inside = [one.model.runs.velocity[one.model.runs.inside] for one in solutions]
-    return np.linspace(max(float(v.min()) for v in inside), min(float(v.max()) for v in inside), POINTS)
 
 
 def _curve(solution: Solution, velocity: Array) -> tuple[Array, Array]:
