@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.table import markdown, number
 from benchmarks.verdicts.cases import Case, part, percent, whole
@@ -36,6 +37,7 @@ def splits(folder: Path) -> Iterator[Case]:
     """Yield the splits of the records in the folders `labcontrol` and `ohlins`; the held-out one is named by its kind.
 
     Each record is divided into a fitted and a held-out part. Of the runs of one setting, each predicts each other one.
+    A held-out part begins with its first motion: before it, dry friction holds a level that no law can know.
     """
     paths = sorted([*folder.glob("labcontrol/*.csv"), *folder.glob("ohlins/ohlins_t1_*.csv")])
     for _, setting in groupby(paths, key=lambda path: re.split("_s|_ensaio", path.stem)[0]):
@@ -43,17 +45,22 @@ def splits(folder: Path) -> Iterator[Case]:
         for (name, run), shares in product(runs.items(), PARTS):
             end = run.series.duration
             kept, left = (part(run, max(a * end - EDGE, 0.0), min(b * end + EDGE, end)) for a, b in shares)
-            kind = REST if _rests(run, *shares[1]) and not _rests(run, *shares[0]) else TIME
+            left = part(left, float(left.series.time[np.argmax(~_is_still(left))] - left.series.time[0]), np.inf)
+            kind = REST if _rests(left) and not _rests(kept) else TIME
             yield Case(f"{name}, {shares}", (kept,), {kind: left})
         for one, other in permutations(runs, 2):
             kind = RUN if prepare_runs([runs[one], runs[other]]).has_repeated_motions else SPEED
             yield Case(f"{one}, {other}", (runs[one],), {kind: runs[other]})
 
 
-def _rests(run: DynoTest, start: float, stop: float) -> bool:
-    """Return whether the shock is at rest for more than moments in a part of a run."""
-    speed, time = np.abs(run.series["velocity"]), run.series.time / run.series.duration
-    return bool(np.mean(speed[(time >= start) & (time < stop)] <= STILL * speed.max()) > RESTING)
+def _is_still(run: DynoTest) -> NDArray[np.bool_]:
+    speed = np.abs(run.series["velocity"])
+    return np.asarray(speed <= STILL * speed.max())
+
+
+def _rests(run: DynoTest) -> bool:
+    """Return whether the shock is at rest for more than moments."""
+    return bool(np.mean(_is_still(run)) > RESTING)
 
 
 def rows_of(found: Case) -> Iterator[dict[str, Any]]:

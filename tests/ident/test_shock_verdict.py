@@ -7,10 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.verdicts.cases import Rig, sine
+from benchmarks.verdicts.dampers import Damper
 from eightpost.ident import fit_shock
 from eightpost.ident.shock.law_fit import CrossValidation, HeldOutErrors
 from eightpost.ident.shock.runs import StrokeRange, prepare_runs, strokes
-from eightpost.ident.shock.verdict import peak_velocity_validity, shock_validity
+from eightpost.ident.shock.verdict import error_at_low_speeds, peak_velocity_validity, shock_validity
 from eightpost.rig.dyno_test import DynoTest
 from eightpost.rig.faults import fault
 from eightpost.signals import TimeSeries
@@ -43,10 +45,11 @@ def judged_records(*motions):
     return tests, prepare_runs(tests)
 
 
-def verdict(percent=0.6, held_out=0.5, trouble="", motions=THREE_TESTS, static=20.0):
+def verdict(percent=0.6, held_out=0.5, trouble="", motions=THREE_TESTS, static=20.0, low_speeds=(0.0, 0.0)):
     held = None if held_out is None else HeldOutErrors("quarters", held_out)
     found = shock_validity(
-        *judged_records(*motions), percent=percent, static=static, held_out=held, trouble=trouble, conditions={}
+        *judged_records(*motions), percent=percent, static=static, level=14.2, low_speeds=low_speeds, held_out=held,
+        trouble=trouble, conditions={},
     )  # fmt: skip
     return found.verdict
 
@@ -82,7 +85,7 @@ def test_a_test_of_one_frequency_with_a_wide_loop_is_at_most_usable_within_limit
     found = verdict(0.1, 0.1, motions=motions, static=12.1)
     assert found.grade is Grade.LIMITED
     assert [reason.rule for reason in found.decisive] == ["one frequency"]
-    assert "12.1 %, limit 12 %" in found.decisive[0].figure
+    assert "12.1 %, limit 12 %; level at rest known to +-14 N; strokes" in found.decisive[0].figure
 
 
 def test_a_test_of_one_frequency_with_a_narrow_loop_is_usable_if_it_is_not_two_sines():
@@ -103,8 +106,37 @@ def test_a_late_force_counts_if_it_turns_a_tenth_of_the_force_or_is_not_known_ag
     assert frequency == pytest.approx(3.0, rel=0.02)
     lag = None if low is None else SimpleNamespace(low=low * 2.4 / frequency)
     monkeypatch.setattr("eightpost.ident.shock.verdict.force_lag", lambda _: lag)
-    found = shock_validity(tests, runs, percent=0.1, static=5.0, held_out=None, trouble="", conditions={}).verdict
+    errors = {"percent": 0.1, "static": 5.0, "level": None, "low_speeds": (0.0, 0.0), "held_out": None}
+    found = shock_validity(tests, runs, **errors, trouble="", conditions={}).verdict
     assert (late in found.reasons) is is_reported
+
+
+def test_a_law_that_is_wrong_at_low_speeds_is_at_most_usable_within_limits():
+    (reason,) = verdict(low_speeds=(5.01, -0.03)).decisive
+    assert (reason.rule, reason.grade) == ("low speeds", Grade.LIMITED)
+    assert "5 % of the force at -0.03 m/s, limit 5 %" in reason.figure
+    assert verdict(low_speeds=(5.0, -0.03)).grade is Grade.USABLE
+
+
+def test_the_error_at_low_speeds_is_the_largest_median_residual_of_a_stroke_over_the_force_there_without_gas():
+    time = np.arange(4000) / 1000.0
+    velocity = np.sin(2.0 * np.pi * time)
+    gas, force = np.full(time.size, 500.0), 1000.0 * velocity
+    off = np.where((velocity < -0.04) & (velocity >= -0.08), 6.0, 0.0) + np.where(velocity > 0.5, 100.0, 0.0)
+    off[np.argmin(np.abs(velocity - 0.06))] = 1e4  # an outlier
+    measured = TimeSeries.from_channels(time, {"velocity": ("m/s", velocity), "force": ("N", force + gas)})
+    predicted = TimeSeries.from_channels(time, {"force": ("N", force + gas + off), "gas_force": ("N", gas)})
+    percent, where = error_at_low_speeds(measured, predicted)
+    assert percent == pytest.approx(10.0, rel=0.05)  # 6 N of an RMS of about 60 N
+    assert where == pytest.approx(-0.0566, rel=0.01)
+
+
+def test_a_record_with_few_samples_at_low_speeds_has_no_error_there():
+    time = np.arange(150) / 100.0
+    wave = np.sign(np.sin(2.0 * np.pi * time + 0.1))
+    measured = TimeSeries.from_channels(time, {"velocity": ("m/s", wave), "force": ("N", wave)})
+    predicted = TimeSeries.from_channels(time, {"force": ("N", 0.0 * wave), "gas_force": ("N", 0.0 * wave)})
+    assert error_at_low_speeds(measured, predicted) == (0.0, 0.0)
 
 
 def test_two_sines_need_a_third_run():
@@ -196,3 +228,14 @@ def test_the_error_of_a_quarter_is_over_the_variance_of_its_run():
     _, runs = judged_records((0.05, 0.25))
     errors = CrossValidation(_Constant(runs)).errors(np.ones(runs.target.size))
     assert np.mean(errors.pieces) == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.slow
+def test_lpnl2_on_a_digressive_shock_is_wrong_at_low_speeds_and_the_default_law_is_not():
+    damper = Damper(laminar=(12e3, 12e3), blow_off=(500.0, 500.0), opened=(500.0, 500.0), stiffness=5e6, friction=10.0)
+    rig = Rig(rate=500.0, corner=500.0, noise=2e-3, resolution=1e-4, has_velocity=True, has_temperature=False)
+    random = np.random.default_rng(5)
+    motions = [sine(0.025, speed / (2.0 * np.pi * 0.025), 4.0) for speed in (0.05, 0.13, 0.25, 0.4)]
+    records = [rig.record(random, damper, x) for x in motions]
+    rules = {law: [reason.rule for reason in fit_shock(records, law).verdict.reasons] for law in (None, "lpnl2")}
+    assert {law: "low speeds" in found for law, found in rules.items()} == {None: False, "lpnl2": True}

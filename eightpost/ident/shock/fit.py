@@ -334,22 +334,25 @@ def fit_shock(
         with portion(0.0, 0.2):
             runs, spikes, notes = screened_runs(given, prepared) if choices.is_screened else (prepared(given), 0, [])
         with portion(0.2, 0.9):
-            solution, downweighted, held_out = _solved(runs, law, choices)
+            solution, downweighted, held_out, level = _solved(runs, law, choices)
         changes = (*runs.changes, *notes, *solution.notes)
         spread, unfitted = _between_builds(runs, solution, law, choices)
-        story = Story(recipe, gas, name, (*changes, *unfitted), spikes + downweighted, held_out, spread)
+        story = Story(recipe, gas, name, (*changes, *unfitted), spikes + downweighted, held_out, spread, level)
         result = result_of(given, solution, story, 0.0)
     return replace(result, seconds=time.perf_counter() - started)
 
 
-def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, int, HeldOutErrors | None]:
-    """Return the solution with its notes, the number of down-weighted samples, and the errors on left-out parts."""
+def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, int, HeldOutErrors | None, float]:
+    """Return the solution with its notes, the number of down-weighted samples, the errors on left-out parts, and the
+    difference of the preload from that of LPNL2 [N].
+    """
     if choices.recipe == "boggs":
-        return fit_boggs(runs, law, choices.gas), 0, None
+        return fit_boggs(runs, law, choices.gas), 0, None, 0.0
     fitted = fit_of([runs], law, choices)
     solution, (samples, notes) = fitted.fit.solution().solution(), fitted.fit.downweighted()
-    held_out, more = _held_out(fitted, choices)
-    return replace(solution, notes=(*fitted.fit.notes, *notes, *solution.notes, *more)), samples, held_out
+    held_out, more, preload = _held_out(fitted, choices)
+    level = 0.0 if preload is None else solution.preload - preload
+    return replace(solution, notes=(*fitted.fit.notes, *notes, *solution.notes, *more)), samples, held_out, level
 
 
 def fit_of(groups: Sequence[Runs], law: str, choices: Choices) -> CrossValidation:
@@ -363,20 +366,24 @@ def fit_of(groups: Sequence[Runs], law: str, choices: Choices) -> CrossValidatio
     return CrossValidation(fit_law(groups, law, choices))
 
 
-def _held_out(fitted: CrossValidation, choices: Choices) -> tuple[HeldOutErrors | None, tuple[str, ...]]:
-    """Return the errors of a law and of LPNL2 on the same left-out parts, and a note on what cannot be fitted."""
+def _held_out(fitted: CrossValidation, choices: Choices) -> tuple[HeldOutErrors | None, tuple[str, ...], float | None]:
+    """Return the errors of a law and of LPNL2 on the same left-out parts, a note on what cannot be fitted, and the
+    preload of LPNL2 [N] where the runs have one motion.
+    """
     runs, law, weights = fitted.fit.runs, fitted.fit.law, fitted.fit.runs.weights
     try:
         own = fitted.errors(weights)
     except ValueError as error:  # raised by laws and fits that reject a part of the data
-        return None, (f"no held-out error: a part of the record cannot be fitted: {error}",)
+        return None, (f"no held-out error: a part of the record cannot be fitted: {error}",), None
     if law == _BESIDE:
-        return HeldOutErrors(fitted.left_out, own.percent), ()
+        return HeldOutErrors(fitted.left_out, own.percent), (), None
     try:
-        other = fit_of([runs.weighted(np.ones_like(weights))], _BESIDE, choices).errors(weights)
+        beside = fit_of([runs.weighted(np.ones_like(weights))], _BESIDE, choices)
+        other = beside.errors(weights)
     except ValueError as error:
-        return HeldOutErrors(fitted.left_out, own.percent), (f"no held-out error of LPNL2: {error}",)
-    return HeldOutErrors(fitted.left_out, own.percent, other.percent), ()
+        return HeldOutErrors(fitted.left_out, own.percent), (f"no held-out error of LPNL2: {error}",), None
+    preload = beside.fit.solution().solution().preload if runs.has_one_motion else None
+    return HeldOutErrors(fitted.left_out, own.percent, other.percent), (), preload
 
 
 def _between_builds(

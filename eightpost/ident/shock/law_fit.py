@@ -398,7 +398,7 @@ def left_out_blocks(runs: Runs) -> list[LeftOut]:
     found = []
     for number in range(BLOCKS):
         kept, parts = np.ones(runs.target.size, dtype=bool), []
-        for rows, rate in zip(_rows_of(runs), _rates(runs), strict=True):
+        for rows, rate in zip(_rows_of(runs), (f.row_rate for f in runs.filters), strict=True):
             ends = np.linspace(rows.start, rows.stop, BLOCKS * PIECES + 1).astype(int).tolist()
             gap = round(min(_GAP * rate, _GAP_SHARE * (rows.stop - rows.start)))
             for start, stop in list(pairwise(ends))[number::BLOCKS]:
@@ -486,7 +486,3 @@ def _deviation(values: Array, weights: Array) -> float:
 def _rows_of(runs: Runs) -> list[slice]:
     ends = np.cumsum([0, *(f.rows.size for f in runs.filters)]).tolist()
     return [slice(a, b) for a, b in pairwise(ends)]
-
-
-def _rates(runs: Runs) -> list[float]:
-    return [f.row_rate for f in runs.filters]

@@ -294,6 +294,11 @@ class Solution:
     #: known.
     left_out: Array = field(default_factory=lambda: np.empty((0, 0)))
 
+    @property
+    def preload(self) -> float:
+        """The gas preload [N], the mean of the runs; 0 if it was subtracted."""
+        return self.model.gas.values(self.model.split(self.parameters)[1])[0]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFit:

@@ -23,6 +23,7 @@ from eightpost.ident.shock.simulation import predicted_force, r_squared, simulat
 from eightpost.ident.shock.verdict import (
     BuildSpread,
     Parameter,
+    error_at_low_speeds,
     findings,
     in_field_units,
     parameters_of,
@@ -373,6 +374,9 @@ class Story:
     #: Errors of the law and of LPNL2 on left-out parts of the records; None if they are not known.
     held_out: HeldOutErrors | None = None
     between_builds: BuildSpread | None = None  #: Spread between the builds of the records if there are several.
+    #: Difference of the preload from that of LPNL2 [N] where the runs have one motion, which hardly determines it; else
+    #: 0.
+    level: float = 0.0
 
 
 def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, seconds: float) -> ShockFit:
@@ -386,8 +390,8 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
     fitted_port = Port(gas_preload=preload, gas_stiffness=stiffness)
     predicted = _predicted(model.dynamics.law(curve, Port(), theta), runs, model.gas.columns @ g)
     static = _predicted(Polylinear(curve), runs, model.gas.columns @ g)
-    rms, static_rms = (_rms(one["force"] - measured["force"]) for one in (predicted, static))
-    parameters = parameters_of(solution)
+    rms, static_rms = (float(np.sqrt(np.mean((one["force"] - measured["force"]) ** 2))) for one in (predicted, static))
+    parameters = parameters_of(solution, story.level)
     found = findings(solution, parameters, recipe=story.recipe, gas=story.gas)
     warnings = (*_notes_of(tests), *found, *ends)
     conditions = _conditions_of(tests, runs, model.gas, gas=story.gas, gas_force=(preload, stiffness))
@@ -407,6 +411,8 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
             runs,
             percent=100.0 * rms / runs.deviation,
             static=100.0 * static_rms / runs.deviation,
+            level=next((p.reach * p.error for p in parameters if p.name == "gas_preload" and p.error), None),
+            low_speeds=error_at_low_speeds(measured, predicted),
             held_out=story.held_out,
             trouble="" if solution.converged else solution.status or "no minimum was found",
             conditions=conditions,
@@ -431,10 +437,6 @@ def result_of(tests: Sequence[DynoTest], solution: Solution, story: Story, secon
         held_out=story.held_out,
         between_builds=story.between_builds,
     )
-
-
-def _rms(error: Array) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def _predicted(law: ShockLaw, runs: Runs, gas: Array) -> TimeSeries:

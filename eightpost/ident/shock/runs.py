@@ -160,7 +160,8 @@ def prepare(
     cutoff_used = _cutoff(series.sample_rate, cutoff, changes)
     (start, stop), why = _choose_segment(series, segment, cutoff_used)
     changes += why
-    series = _thinned(_lowpassed(series, cutoff_used), changes)
+    low = lowpass(series.values, series.sample_rate, cutoff_used)
+    series = _thinned(TimeSeries(series.time, low, series.names, series.units), changes)
     edge = FILTER_EDGE / cutoff_used
     series = series.window(start - edge, stop + edge)
     inside = (series.time >= start) & (series.time <= stop)
@@ -248,11 +249,6 @@ def _cutoff(rate: float, requested: float | None, changes: list[str]) -> float:
         why = f"0.4 of the record's {rate:.4g} Hz"
         changes.append(f"cutoff frequency lowered from {CUTOFF:g} to {highest:.4g} Hz: {why}")
     return min(CUTOFF, highest)
-
-
-def _lowpassed(series: TimeSeries, cutoff: float) -> TimeSeries:
-    values = lowpass(series.values, series.sample_rate, cutoff)
-    return TimeSeries(series.time, values, series.names, series.units)
 
 
 def _thinned(series: TimeSeries, changes: list[str]) -> TimeSeries:

@@ -133,12 +133,14 @@ def _read(table: _Table, path: Path, cutoff: float | None) -> SettingsTable:
     columns = [
         [_clicks_of(entry, name, adjuster, path) for entry in table.file] for name, adjuster in table.adjuster.items()
     ]
+    adjusters: list[tuple[str, _Adjuster | _Temperature]] = [*table.adjuster.items()]
     if table.temperature is not None:
+        adjusters.append((TEMPERATURE, table.temperature))
         measured = [_temperature_of(entry, of, path) for entry, of in zip(table.file, tests, strict=True)]
         columns.append(joined_temperatures(measured))
     settings = tuple(zip(*columns, strict=True))
     axes = tuple(
-        _axis(name, adjuster, column, path) for (name, adjuster), column in zip(_axes_of(table), columns, strict=True)
+        _axis(name, adjuster, column, path) for (name, adjuster), column in zip(adjusters, columns, strict=True)
     )
     return SettingsTable(table.name or path.stem, table.law, table.gas, axes, settings, tests, files, notes)
 
@@ -171,11 +173,6 @@ def _tests_of(file: Path, **reading: Any) -> tuple[DynoTest, ...]:
         raise FileFormatError(
             f"{what}, and `eightpost export --over` one table of several shocks", path=file
         ) from error
-
-
-def _axes_of(table: _Table) -> list[tuple[str, _Adjuster | _Temperature]]:
-    temperature = [] if table.temperature is None else [(TEMPERATURE, table.temperature)]
-    return [*table.adjuster.items(), *temperature]
 
 
 def _check(table: _Table, path: Path) -> None:
@@ -264,8 +261,10 @@ def _axis(name: str, adjuster: _Adjuster | _Temperature, column: Sequence[float]
             f"{name} has the same setting in all files, so its effect is unknown; leave out its section", path=path
         )
     if isinstance(adjuster, _Temperature):
-        wanted = None if adjuster.reference is None else _kelvin(adjuster.reference, "[temperature] reference", path)
-        return Axis(name, nodes, _nearest(nodes, wanted), unit="K")
+        if adjuster.reference is None:
+            return Axis(name, nodes, nodes[len(nodes) // 2], unit="K")
+        wanted = _kelvin(adjuster.reference, "[temperature] reference", path)
+        return Axis(name, nodes, min(nodes, key=lambda node: abs(node - wanted)), unit="K")
     if adjuster.reference is not None and adjuster.reference not in nodes:
         raise FileFormatError(
             f"[adjuster.{name}] reference = {adjuster.reference:g} is not the setting of a file; there are: "
@@ -277,10 +276,6 @@ def _axis(name: str, adjuster: _Adjuster | _Temperature, column: Sequence[float]
         return Axis(name, nodes, reference, adjuster.unit, adjuster.counted, adjuster.lowest, adjuster.highest)
     except ValueError as error:
         raise ParameterError(f"{path}: {error}") from error
-
-
-def _nearest(nodes: Sequence[float], wanted: float | None) -> float:
-    return nodes[len(nodes) // 2] if wanted is None else min(nodes, key=lambda node: abs(node - wanted))
 
 
 def _most_common(column: Sequence[float]) -> float:
