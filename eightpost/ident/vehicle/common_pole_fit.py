@@ -271,6 +271,9 @@ _LAGS = {"road": (20.0,), "force": (20.0, 2.5)}
 #: Largest ratio of the misfits of a smaller and a larger model between which the smaller one is chosen [1].
 _ALIKE = 1.05
 
+#: Largest number of states that lags replace.
+_FEWER = 4
+
 #: Number of frequencies at which models of increasing order are compared, and models with and without lags.
 _STUDIED = 100
 
@@ -314,7 +317,8 @@ class CommonPoleFit:
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         tried: list[tuple[_Start, RefinementResult]] = []
         for through in parts(self._forms(joined.output_names, joined.input_names)):
-            study = _study_orders(fewer, subspace, through, tuple(range(2, self.max_states + 1, 2)))
+            low = tried[0][0].study.suggested - _FEWER if tried else 2
+            study = _study_orders(fewer, subspace, through, tuple(range(max(low, 2), self.max_states + 1, 2)))
             order = self.order or (study.sufficient if tried else study.suggested)
             start, mirrored = _start(points, subspace, order, through)
             model = self._without_fast_blocks(fewer, start.blocks, through)

@@ -13,7 +13,16 @@ from scipy.stats import norm, t
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import advance_channels, prepare
 from eightpost.ident.preparation.channel_faults import RULES, clipped, spikes
-from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, Spectra, few_blocks_factor
+from eightpost.ident.preparation.mechanics import (
+    HUB,
+    SIGNIFICANT,
+    Comparison,
+    Kind,
+    Spectra,
+    comparisons,
+    few_blocks_factor,
+    spectra_of,
+)
 from eightpost.ident.preparation.plausibility import findings_of, is_broadband, record_findings
 from eightpost.rig import RigTest
 from eightpost.signals import TimeSeries
@@ -166,6 +175,18 @@ def test_a_delay_of_any_channel_is_named_with_its_size(sound, name, delay, late)
     found = only(record_findings(advance_channels(sound, {name: -seconds}), CORNERS))
     assert (found.rule, found.channels) == (WRONG_DELAY, (name,))
     assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
+
+
+@pytest.mark.parametrize(("share", "is_early"), [(1.0, True), (0.5, False)])
+def test_a_force_may_lead_the_more_the_softer_its_shock_is(sound: TimeSeries, share: float, is_early: bool) -> None:
+    soft = with_row(sound, "rf.tire_force", sound["rf.tire_force"] - (1.0 - share) * sound["rf.force"])
+    soft = advance_channels(with_row(soft, "rf.force", share * soft["rf.force"]), {"rf.force": 1.8e-3})
+    spectra = spectra_of(soft)
+    assert spectra is not None
+    of_others = [one for one in comparisons(spectra, CORNERS) if one.law.startswith(f"{HUB} at")]
+    found = only(one for one in of_others if one.kind is Kind.DELAY and "rf.force" in one.effect)
+    assert found.value == pytest.approx(-1.7e-3, abs=0.2e-3)
+    assert found.is_violated == is_early
 
 
 @pytest.mark.nightly
