@@ -57,8 +57,9 @@ def direct_terms(outputs: Sequence[str], inputs: Sequence[str]) -> NDArray[np.bo
 def lags_of(kind: str, outputs: Sequence[str], inputs: Sequence[str], high: float) -> tuple[Lag, ...]:
     """Return the lags of the inputs of a kind, "road" or "force", above a band up to `high` [Hz].
 
-    Those of a road act on all outputs, those of a shock force on all but the velocities of other ports. A force has a
-    fast and a slow one: their difference is its derivative in the band, like the yield of rubber in series.
+    Those of a road act on all outputs, those of a shock force on all but the velocities of other ports. A force has two
+    of similar rates: their difference is its derivative in the band, like the yield of rubber in series. Faster ones
+    fit as well, but a port with them needs steps of less than 0.8 ms.
     """
     moving = np.array([_ends(name, "velocity") for name in outputs])
     lags = []
@@ -266,7 +267,7 @@ def _start(points: Points, subspace: Subspace, order: int, through: Feedthrough)
 _EXPLAINED = 1.1
 
 #: Ratios of the rates of an input's lags to the upper end of the band [1].
-_LAGS = {"road": (20.0,), "force": (20.0, 2.5)}
+_LAGS = {"road": (20.0,), "force": (4.0, 3.0)}
 
 #: Largest ratio of the misfits of a smaller and a larger model between which the smaller one is chosen [1].
 _ALIKE = 1.05
