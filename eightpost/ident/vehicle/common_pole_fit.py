@@ -324,7 +324,8 @@ class CommonPoleFit:
             start, mirrored = _start(points, subspace, order, through)
             model = self._without_fast_blocks(fewer, start.blocks, through)
             if not tried or _ALIKE**2 * model.solution.cost < tried[-1][1].solution.cost:
-                tried.append((_Start(study, mirrored, start.cost, start.blocks.states), model))
+                first = _Start(study, mirrored, start.cost, start.blocks.states, self.order is not None)
+                tried.append((first, model))
             if np.sqrt(model.solution.cost / fewer.known.sum()) < _EXPLAINED:
                 break
         first, chosen = tried[-1]
@@ -374,6 +375,7 @@ class _Start:
     mirrored: int  #: Number of poles of the start model that were unstable and were mirrored.
     cost: float  #: Sum of squares of the weighted misfit of the start model.
     order: int  #: Number of states of the start model.
+    requested: bool  #: Whether this number was given.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -410,14 +412,14 @@ class CommonPoleModel:
         lags = {kind: sum(_ends(self.inputs[lag.input].name, kind) for lag in self.refined.solution.through.lags)
                 for kind in _LAGS}  # fmt: skip
         by_gap = study.clear and self.start.order == study.suggested
-        if self.start.order == study.sufficient and not by_gap:
+        if not by_gap and not self.start.requested:
             gap = f"a clear gap only at {study.suggested} states" if study.clear else "no clear gap"
             notes.append(
                 f"The singular values have {gap}; with {self.start.order} states the misfit is within "
                 f"{100.0 * (_ALIKE - 1.0):.0f} % of that of the minimum description length."
             )
         removed = self.start.order - self.order
-        if self.start.order not in (study.suggested, study.sufficient):
+        if self.start.requested and self.start.order != study.suggested:
             notes.append(f"{self.start.order} states were requested; {study.suggested} are suggested.")
         if removed:
             notes.append(f"{removed} states with natural frequencies far above the band were removed.")
