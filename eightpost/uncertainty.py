@@ -39,7 +39,7 @@ EMPTY = 0.005
 #: Scales of the common and of the own error on a drive at `_drive_distance` 1 of the records, relative to the spread of
 #: their errors over the bands, and per share of the drive's power above all bands that are not empty in the records:
 #: the error there is as large as the output (docs/explanation/vehicle_uncertainty.md).
-_BEYOND, _BEYOND_OWN, _UNSEEN = 2.5, 1.5, 0.7
+_BEYOND, _BEYOND_OWN, _UNSEEN = 4.0, 1.5, 0.7
 
 #: Number of standard deviations from which predictions are corrected by a common error.
 _SIGNIFICANT = 2.0

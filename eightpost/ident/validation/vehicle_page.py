@@ -424,7 +424,7 @@ def _order_figure(orders: Orders) -> Figure:
         Panel(Axis("frequency [Hz]", span=(0.0, 1.2 * orders.high)), states, (0.0, 0.76), (0.0, 1.0), "poles"),
         Panel(Axis("singular value / next one", kind="log"), states, (0.82, 1.0), (0.0, 1.0), "gaps"),
     )
-    why = "a clear gap of the singular values" if orders.is_clear else "the description length, as no gap is clear"
+    why = "a clear gap of the singular values" if orders.is_clear else "their misfit, as no clear gap explains it"
     text = f"poles of models of increasing order. {orders.chosen} states were chosen by {why}."
     figure = Figure(f"Stabilisation diagram: {text}", 380, panels)
     for steady, name, color in ((False, "moved", MEASURED), (True, "same as at the previous order", COLORS[0])):

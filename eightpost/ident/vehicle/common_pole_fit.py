@@ -57,8 +57,9 @@ def direct_terms(outputs: Sequence[str], inputs: Sequence[str]) -> NDArray[np.bo
 def lags_of(kind: str, outputs: Sequence[str], inputs: Sequence[str], high: float) -> tuple[Lag, ...]:
     """Return the lags of the inputs of a kind, "road" or "force", above a band up to `high` [Hz].
 
-    Those of a road act on all outputs, those of a shock force on all but the velocities of other ports. A force has a
-    fast and a slow one: their difference is its derivative in the band, like the yield of rubber in series.
+    Those of a road act on all outputs, those of a shock force on all but the velocities of other ports. A force has two
+    of similar rates: their difference is its derivative in the band, like the yield of rubber in series. Faster ones
+    fit as well, but a port with them needs steps of less than 0.8 ms.
     """
     moving = np.array([_ends(name, "velocity") for name in outputs])
     lags = []
@@ -266,10 +267,13 @@ def _start(points: Points, subspace: Subspace, order: int, through: Feedthrough)
 _EXPLAINED = 1.1
 
 #: Ratios of the rates of an input's lags to the upper end of the band [1].
-_LAGS = {"road": (20.0,), "force": (20.0, 2.5)}
+_LAGS = {"road": (20.0,), "force": (4.0, 3.0)}
 
 #: Largest ratio of the misfits of a smaller and a larger model between which the smaller one is chosen [1].
 _ALIKE = 1.05
+
+#: Largest number of states that lags replace.
+_FEWER = 4
 
 #: Number of frequencies at which models of increasing order are compared, and models with and without lags.
 _STUDIED = 100
@@ -314,12 +318,14 @@ class CommonPoleFit:
         subspace = subspace_of(points, max_states=max(self.max_states, self.order or 0))
         tried: list[tuple[_Start, RefinementResult]] = []
         for through in parts(self._forms(joined.output_names, joined.input_names)):
-            study = _study_orders(fewer, subspace, through, tuple(range(2, self.max_states + 1, 2)))
+            low = tried[0][0].study.suggested - _FEWER if tried else 2
+            study = _study_orders(fewer, subspace, through, tuple(range(max(low, 2), self.max_states + 1, 2)))
             order = self.order or (study.sufficient if tried else study.suggested)
             start, mirrored = _start(points, subspace, order, through)
             model = self._without_fast_blocks(fewer, start.blocks, through)
             if not tried or _ALIKE**2 * model.solution.cost < tried[-1][1].solution.cost:
-                tried.append((_Start(study, mirrored, start.cost, start.blocks.states), model))
+                first = _Start(study, mirrored, start.cost, start.blocks.states, self.order is not None)
+                tried.append((first, model))
             if np.sqrt(model.solution.cost / fewer.known.sum()) < _EXPLAINED:
                 break
         first, chosen = tried[-1]
@@ -369,6 +375,7 @@ class _Start:
     mirrored: int  #: Number of poles of the start model that were unstable and were mirrored.
     cost: float  #: Sum of squares of the weighted misfit of the start model.
     order: int  #: Number of states of the start model.
+    requested: bool  #: Whether this number was given.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -405,14 +412,14 @@ class CommonPoleModel:
         lags = {kind: sum(_ends(self.inputs[lag.input].name, kind) for lag in self.refined.solution.through.lags)
                 for kind in _LAGS}  # fmt: skip
         by_gap = study.clear and self.start.order == study.suggested
-        if self.start.order == study.sufficient and not by_gap:
+        if not by_gap and not self.start.requested:
             gap = f"a clear gap only at {study.suggested} states" if study.clear else "no clear gap"
             notes.append(
                 f"The singular values have {gap}; with {self.start.order} states the misfit is within "
                 f"{100.0 * (_ALIKE - 1.0):.0f} % of that of the minimum description length."
             )
         removed = self.start.order - self.order
-        if self.start.order not in (study.suggested, study.sufficient):
+        if self.start.requested and self.start.order != study.suggested:
             notes.append(f"{self.start.order} states were requested; {study.suggested} are suggested.")
         if removed:
             notes.append(f"{removed} states with natural frequencies far above the band were removed.")

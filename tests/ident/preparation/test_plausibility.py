@@ -4,12 +4,23 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.stats import norm, t
 
 from eightpost.corners import CORNERS
 from eightpost.ident.preparation import advance_channels
 from eightpost.ident.preparation.channel_faults import RULES, clipped, spikes
-from eightpost.ident.preparation.mechanics import SIGNIFICANT, Comparison, Kind, Spectra, few_blocks_factor
+from eightpost.ident.preparation.mechanics import (
+    HUB,
+    SIGNIFICANT,
+    Comparison,
+    Kind,
+    Spectra,
+    comparisons,
+    few_blocks_factor,
+    spectra_of,
+)
 from eightpost.ident.preparation.plausibility import findings_of, is_broadband, record_findings
 from eightpost.signals import TimeSeries
 from eightpost.vehicle import read_vehicle
@@ -141,6 +152,40 @@ def test_a_sign_convention_of_the_team_is_named_as_one_finding(sound, channels, 
     measured = [name for name in channels if not name.endswith("velocity")]
     assert all(name in only(found).remedy for name in measured)
     assert "velocity" not in only(found).remedy
+
+
+@pytest.mark.nightly
+@settings(max_examples=6, deadline=None)
+@given(name=st.sampled_from(CHANNELS), delay=st.floats(4.0, 9.0), late=st.booleans())
+def test_a_delay_of_any_channel_is_named_with_its_size(sound, name, delay, late):
+    seconds = 1e-3 * (delay if late else -delay)
+    found = only(record_findings(advance_channels(sound, {name: -seconds}), CORNERS))
+    assert (found.rule, found.channels) == (WRONG_DELAY, (name,))
+    assert float(found.remedy.split("delay of ")[1].split(" s")[0]) == pytest.approx(seconds, abs=1.5e-3)
+
+
+@pytest.mark.parametrize(("share", "is_early"), [(1.0, True), (0.5, False)])
+def test_a_force_may_lead_the_more_the_softer_its_shock_is(sound: TimeSeries, share: float, is_early: bool) -> None:
+    soft = with_row(sound, "rf.tire_force", sound["rf.tire_force"] - (1.0 - share) * sound["rf.force"])
+    soft = advance_channels(with_row(soft, "rf.force", share * soft["rf.force"]), {"rf.force": 1.8e-3})
+    spectra = spectra_of(soft)
+    assert spectra is not None
+    of_others = [one for one in comparisons(spectra, CORNERS) if one.law.startswith(f"{HUB} at")]
+    found = only(one for one in of_others if one.kind is Kind.DELAY and "rf.force" in one.effect)
+    assert found.value == pytest.approx(-1.7e-3, abs=0.2e-3)
+    assert found.is_violated == is_early
+
+
+@pytest.mark.nightly
+def test_a_command_that_carries_noise_is_named(sound):
+    """The noise is small within the band, so that the command alone would be that of a corner at rest."""
+    commanded, name = sound, "lf.road_command"
+    for corner in CORNERS:
+        commanded = commanded.with_channel(f"{corner}.road_command", "m", sound[f"{corner}.road"])
+    noise = sound["lf.road"].std() * np.random.default_rng(0).standard_normal(len(sound))
+    assert record_findings(commanded, CORNERS) == ()
+    found = only(record_findings(with_row(commanded, name, noise), CORNERS))
+    assert (found.rule, found.channels) == (DISCONNECTED, (name,))
 
 
 @pytest.mark.parametrize("name", ["rr.displacement", "lr.chassis_acceleration"])
