@@ -84,30 +84,30 @@ def test_the_unit_of_a_channel_is_that_of_its_properties(properties, kind, unit)
     assert readers._unit_of(channel) == unit
 
 
-def test_texts_and_arrays_of_a_measured_file_are_skipped(monkeypatch):
+def test_texts_and_arrays_of_a_measured_file_are_skipped(tmp_path, monkeypatch):
     def signal(name, samples):
         return SimpleNamespace(name=name, unit=" N ", samples=np.array(samples), timestamps=[0, 1])
 
     class File:
         header = SimpleNamespace(comment=None)
         closed = False
+        virtual_groups = (0,)
 
-        def iter_channels(self, skip_master):
-            assert skip_master
-            return [signal("force", [1, 2]), signal("gear", ["P", "D"]), signal("spectrum", [[1.0], [2.0]])]
+        def included_channels(self, number):
+            return {number: {0: [1, 2, 3]}}
+
+        def select(self, places, *, copy_master):
+            assert places == [(None, 0, 1), (None, 0, 2), (None, 0, 3)] and not copy_master
+            return [signal("gear", ["P", "D"]), signal("force", [1, 2]), signal("spectrum", [[1.0], [2.0]])]
 
         def close(self):
             File.closed = True
 
     library = SimpleNamespace(MDF=lambda _path: File())
     monkeypatch.setattr(readers, "importlib", SimpleNamespace(import_module=lambda _: library))
-    (found,), comment = readers.load_mdf("run.mf4")
-    assert (found.name, found.unit, found.samples.tolist(), found.times.tolist()) == (
-        "force",
-        "N",
-        [1.0, 2.0],
-        [0.0, 1.0],
-    )
+    (found,), comment = readers.load_mdf(tmp_path / "run.mf4", tmp_path / "samples")
+    assert (found.name, found.unit, found.size, found.times.tolist()) == ("force", "N", 2, [0.0, 1.0])
+    assert np.fromfile(tmp_path / "samples", found.kind, found.size, offset=found.place).tolist() == [1, 2]
     assert comment == "" and File.closed
 
 

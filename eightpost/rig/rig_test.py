@@ -62,6 +62,7 @@ RESTING = 0.2
 #: Number of standard deviations from which correlations and their differences are significant. The standard deviation
 #: for noise is 1 / sqrt(samples), and that of a difference is (1 - correlation^2) / sqrt(samples).
 CERTAIN = 5.0
+MOST = 3  #: Number of quantities that are compared with each other; the earlier ones of a long record are not kept.
 _BAND = 12.0  #: Band limit for the comparisons [Hz], at most 0.4 of the sample rate.
 #: Approximate sample rate of the comparisons [Hz]; filters at the rig's rate would take seconds each for 800 s.
 _RATE = 250.0
@@ -126,6 +127,8 @@ class _Record:
     def low(self, quantity: str) -> Array:
         """Return a quantity of all corners (C, N) after a low-pass and without its mean."""
         if quantity not in self._lows:
+            if len(self._lows) == MOST:
+                del self._lows[next(iter(self._lows))]
             rows = np.stack([self.raw(place, quantity) for place in range(len(self.corners))])
             self._lows[quantity] = lowpass(rows - rows.mean(axis=1, keepdims=True), self.rate, self._cutoff)
         return self._lows[quantity]
@@ -162,7 +165,7 @@ def _check_pairs(record: _Record, quantity: str, against: str, values: Array, re
     from scipy.signal import hilbert  # noqa: PLC0415 -- takes half a second to load, which no fit needs
 
     # The real part is the correlation, the magnitude that at the best phase.
-    likeness = np.asarray(_unit(values) @ np.stack([hilbert(row) for row in _unit(references)]).T)
+    likeness = np.stack([_unit(values) @ hilbert(row) for row in _unit(references)], axis=1)
     for place in sorted({*record.moving(quantity)} & {*record.moving(against)}):
         own, best = likeness[place, place], int(np.argmax(np.abs(likeness[place])))
         other = likeness[place, best]

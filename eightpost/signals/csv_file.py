@@ -71,8 +71,8 @@ def read_delimited(path: Path) -> tuple[RawRecord, ...]:
         if path.stat().st_size > IN_MEMORY:
             with suppress(ValueError, FileFormatError):
                 return (_read_numbers(path),)
-        content = path.read_bytes()
-    return text_records(_lines(content, path), path, may_be_cut=True)
+        lines = _lines(path.read_bytes(), path)
+    return text_records(lines, path, may_be_cut=True)
 
 
 def _lines(content: bytes, path: Path) -> list[str]:

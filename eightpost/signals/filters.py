@@ -59,8 +59,10 @@ def _filtered(values: Array, sections: Sequence[tuple[float, float, float]]) -> 
         driven = found.copy()
         driven[..., 1:] += 2.0 * found[..., :-1]
         driven[..., 2:] += found[..., :-2]
-        found = recursion(gain * driven, feedback)
-    return found + start
+        driven *= gain
+        found = recursion(driven, feedback)
+    found += start
+    return found
 
 
 def recursion(values: Array, feedback: Sequence[float]) -> Array:
@@ -73,7 +75,8 @@ def recursion(values: Array, feedback: Sequence[float]) -> Array:
     from scipy.linalg.lapack import dtbtrs  # noqa: PLC0415 -- slow to import, and a coupled run filters nothing
 
     count = values.shape[-1]
-    band = np.repeat([[1.0], *([a] for a in feedback)], count, axis=1)
+    band = np.empty((1 + len(feedback), count), order="F")  # as LAPACK reads it, without a copy
+    band[:] = [[1.0], *([a] for a in feedback)]
     found, _ = dtbtrs(band, values.reshape(-1, count).T, uplo="L", diag="U")
     return np.asarray(found.T.reshape(values.shape), dtype=np.float64)
 

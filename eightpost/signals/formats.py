@@ -282,6 +282,8 @@ def read_records(path: str | Path) -> tuple[RawRecord, ...]:
         what = f"is a file of {beginning[1]}, whose layout is not documented: export time, displacement or velocity, "
         raise FileFormatError(f"{what}and force there as .csv, and read that file", path=path)
     records = _read_once(path, sha256_of(path))
+    if size > IN_MEMORY and not any(isinstance(column, Stored) for column in records[0].columns):
+        _read_once.cache_clear()
     if suffix != ".parquet":  # those of this project are in SI units for every user
         note_file(records[0].units)
     return records

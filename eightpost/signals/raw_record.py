@@ -417,10 +417,9 @@ def mapped_series(
 
     rows = np.empty((len(plans) if keep else 1, record.columns[0].size))
     for number, name in enumerate(plans):  # one by one, as a record may take gigabytes
-        if keep or not number:
-            rows[number] = read(name)
-        else:
-            read(name)  # a fault is found now
+        values = read(name)  # a fault is found now, also in a channel that is not kept
+        if number < len(rows):
+            rows[number] = values
     rows.setflags(write=False)
     check_time(rows[0], origin=record.origin)
     names, targets = tuple(plans)[1:], tuple(target for _, target in plans.values())[1:]

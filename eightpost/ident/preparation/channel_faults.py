@@ -115,12 +115,13 @@ def spikes(series: TimeSeries, *, computed: Sequence[str] = ()) -> Iterator[Faul
     A sample is predicted by the cubic through its neighbours, x_0 = (4 (x_-d + x_d) - (x_-2d + x_2d)) / 6.
     """
     places: dict[str, set[int]] = {name: set() for name in series.names}
-    reach = max(1, round(SAME_TIME * series.sample_rate))
+    rate = series.sample_rate
+    reach = max(1, round(SAME_TIME * rate))
     for distance in DISTANCES:
         sharp, moved = {}, {}  # places where a channel may have a spike, and where it is a witness
         for name in series.names:
             values, share = series[name], SHARE_OF_ACCELERATION if name.endswith("acceleration") else SHARE
-            scores = _scores(values, distance, round(LOCAL * series.sample_rate))
+            scores = _scores(values, distance, round(LOCAL * rate))
             large = np.abs(_deviations(values, distance)) > share * float(values.std())
             sharp[name], moved[name] = np.flatnonzero(large & (scores > FACTOR)), np.flatnonzero(scores > BUMP)
         for name, own in sharp.items():
@@ -136,9 +137,10 @@ def _deviations(values: Array, d: int) -> Array:
     """Return the deviation of each sample (N,) from its neighbours; 0 near the ends."""
     size = values.size
     deviations = np.zeros(size)
-    near = values[d : size - 3 * d] + values[3 * d : size - d]
-    far = values[: size - 4 * d] + values[4 * d :]
-    deviations[2 * d : size - 2 * d] = values[2 * d : size - 2 * d] - (4.0 * near - far) / 6.0
+    predicted = 4.0 * (values[d : size - 3 * d] + values[3 * d : size - d])
+    predicted -= values[: size - 4 * d] + values[4 * d :]
+    predicted /= 6.0
+    np.subtract(values[2 * d : size - 2 * d], predicted, out=deviations[2 * d : size - 2 * d])
     return deviations
 
 
@@ -149,7 +151,9 @@ def _scores(values: Array, distance: int, block: int) -> Array:
     size = values.size // count
     usual = np.median(deviations[: count * size].reshape(count, size)[:, ::STRIDE], axis=1) / 0.6745
     usual = np.maximum(usual, 1e-6 * float(values.std()) + 1e-300)
-    return np.asarray(deviations / usual[np.minimum(np.arange(values.size) // size, count - 1)])
+    deviations[: count * size].reshape(count, size)[:] /= usual[:, None]
+    deviations[count * size :] /= usual[-1]
+    return deviations
 
 
 def _spike(series: TimeSeries, name: str, places: NDArray[np.intp]) -> Fault:
@@ -163,10 +167,11 @@ def _spike(series: TimeSeries, name: str, places: NDArray[np.intp]) -> Fault:
 
 def dropouts(series: TimeSeries) -> Iterator[Fault]:
     """Yield the channels that repeat a value while the others move; not those whose resolution is coarse."""
+    rate = series.sample_rate
     for name in series.names:
         values = series[name]
         start, stop = _longest_hold(values)
-        is_long = stop - start >= max(10.0, HELD * series.sample_rate) and values.min() < values[start] < values.max()
+        is_long = stop - start >= max(10.0, HELD * rate) and values.min() < values[start] < values.max()
         if not is_long or float(np.mean(np.diff(values) == 0.0)) > REPEATS:
             continue
         if _others_move(series, series.names, name, slice(start, stop)):
@@ -227,10 +232,10 @@ def check_lost_channels(series: TimeSeries, corners: Sequence[str], *, path: Pat
         ConstantChannelError: A channel becomes constant.
     """
     names = [f"{c}.{q}" if c else q for q in _RESPONSES for c in corners]
-    there = [name for name in names if name in series]
+    there, rate = [name for name in names if name in series], series.sample_rate
     for name in there:
         start, stop = _longest_hold(series[name])
-        span = (stop - start) / series.sample_rate
+        span = (stop - start) / rate
         if span < LOST_SPAN or not _others_move(series, there, name, slice(start, stop)):
             continue
         where = f"from {series.time[start]:.4g} s to {series.time[stop]:.4g} s"
