@@ -3,7 +3,7 @@
 The command line imports this module before any other, so it uses only modules that Python itself has already loaded.
 """
 
-import _signal  # pyrefly: ignore[missing-import] -- part of the interpreter, which `signal` only wraps
+import _signal  # type: ignore[import-not-found]  # part of the interpreter, which `signal` only wraps
 import os
 import sys
 from collections.abc import Iterable
