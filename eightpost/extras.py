@@ -25,59 +25,47 @@ class _Extra:
     contains: tuple[str, ...] = ()  #: Names of other extras that are installed with it.
 
 
-#: Distributions that every installation has, by the name under which Python imports them.
-REQUIRED: Mapping[str, str] = {
-    "arro3.core": "arro3-core", "arro3.io": "arro3-io", "typing_extensions": "typing-extensions",
-} | {
-    name: name
-    for name in (
-        "click", "fmpy", "markupsafe", "numpy", "pint", "platformdirs", "pydantic",
-        "rich", "scipy", "threadpoolctl",
-    )
+#: Distributions with another name than that under which Python imports them.
+_OTHER = {
+    "PIL": "pillow", "arro3.core": "arro3-core", "arro3.io": "arro3-io", "markdown_it": "markdown-it-py",
+    "fmu_manipulation_toolbox": "fmu-manipulation-toolbox", "python_calamine": "python-calamine",
+    "typing_extensions": "typing-extensions",
 }  # fmt: skip
+
+
+def _named(*imported: str) -> dict[str, str]:
+    """Return distributions by the names under which Python imports them."""
+    return {name: _OTHER.get(name, name) for name in imported}
+
+
+#: Distributions that every installation has, by the name under which Python imports them.
+REQUIRED: Mapping[str, str] = _named(
+    "arro3.core", "arro3.io", "typing_extensions", "click", "fmpy", "markupsafe", "numpy", "pint", "platformdirs",
+    "pydantic", "rich", "scipy", "threadpoolctl",
+)  # fmt: skip
 
 #: Extras of pyproject.toml by name, without those for host programs and tests.
 EXTRAS: Mapping[str, _Extra] = {
-    "report": _Extra(
-        "pictures, pages and workbooks (of fits, identify, study, run --report ...)",
-        {"jinja2": "jinja2", "matplotlib": "matplotlib", "plotly": "plotly", "xlsxwriter": "xlsxwriter"},
-    ),
-    "aim": _Extra("logs of AiM (.xrk, .xrz)", {"libxrk": "libxrk"}),
-    "app": _Extra("the window in the browser, eightpost app", {"nicegui": "nicegui"}, contains=("fit", "report")),
-    "fit": _Extra(
-        "fits of laws with dynamics, identify, virtual rigs, and runs in a tenth of the time",
-        {"llvmlite": "llvmlite", "numba": "numba"},
-    ),
-    "files": _Extra(
-        "records in spreadsheets and LabVIEW files",
-        {"lvm_read": "lvm_read", "nptdms": "nptdms", "python_calamine": "python-calamine"},
-    ),
-    "build-local": _Extra(
-        "building FMUs for this platform with the system's C compiler",
-        {
-            "fmu_manipulation_toolbox": "fmu-manipulation-toolbox",
-            "latex2mathml": "latex2mathml",
-            "markdown_it": "markdown-it-py",
-            "pythonfmu": "pythonfmu",
-        },
-        contains=("report",),
-    ),
-    "build": _Extra("building FMUs for all six platforms", {"ziglang": "ziglang"}, contains=("build-local",)),
-    "check": _Extra(
-        "checking FMUs of any maker",
-        {"PIL": "pillow", "fmu_manipulation_toolbox": "fmu-manipulation-toolbox", "lief": "lief", "lxml": "lxml"},
-    ),
-    "control": _Extra("exchange of models with python-control", {"control": "control"}),
-    "dask": _Extra("studies on a cluster", {"dask": "dask", "distributed": "distributed"}),
-    "mat73": _Extra("records in MATLAB 7.3 files", {"h5py": "h5py"}),
-    "mdf": _Extra("records in MDF 4 files", {"asammdf": "asammdf"}),
-    "notebook": _Extra(
-        "tables of results as pandas and xarray objects",
-        {"ipykernel": "ipykernel", "pandas": "pandas", "xarray": "xarray"},
-    ),
-    "optimise": _Extra("search of studies whose bank is too large to run every setup", {"pymoo": "pymoo"}),
-    "uff": _Extra("frequency responses as universal files", {"pyuff": "pyuff"}),
-}
+    "report": _Extra("pictures, pages and workbooks (of fits, identify, study, run --report ...)",
+                     _named("jinja2", "matplotlib", "plotly", "xlsxwriter")),
+    "aim": _Extra("logs of AiM (.xrk, .xrz)", _named("libxrk")),
+    "app": _Extra("the window in the browser, eightpost app", _named("nicegui"), contains=("fit", "report")),
+    "fit": _Extra("fits of laws with dynamics, identify, virtual rigs, and runs in a tenth of the time",
+                  _named("llvmlite", "numba")),
+    "files": _Extra("records in spreadsheets and LabVIEW files", _named("lvm_read", "nptdms", "python_calamine")),
+    "build-local": _Extra("building FMUs for this platform with the system's C compiler",
+                          _named("fmu_manipulation_toolbox", "latex2mathml", "markdown_it", "pythonfmu"),
+                          contains=("report",)),
+    "build": _Extra("building FMUs for all six platforms", _named("ziglang"), contains=("build-local",)),
+    "check": _Extra("checking FMUs of any maker", _named("PIL", "fmu_manipulation_toolbox", "lief", "lxml")),
+    "control": _Extra("exchange of models with python-control", _named("control")),
+    "dask": _Extra("studies on a cluster", _named("dask", "distributed")),
+    "mat73": _Extra("records in MATLAB 7.3 files", _named("h5py")),
+    "mdf": _Extra("records in MDF 4 files", _named("asammdf")),
+    "notebook": _Extra("tables of results as pandas and xarray objects", _named("ipykernel", "pandas", "xarray")),
+    "optimise": _Extra("search of studies whose bank is too large to run every setup", _named("pymoo")),
+    "uff": _Extra("frequency responses as universal files", _named("pyuff")),
+}  # fmt: skip
 
 
 class MissingExtraError(InputError, ModuleNotFoundError):

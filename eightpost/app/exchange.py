@@ -14,7 +14,7 @@ from rich.markup import escape
 
 from eightpost.api.reading import is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, group, option, setting, verb
-from eightpost.app.show import bar, show_files, show_notes, show_text
+from eightpost.app.show import bar, details, is_detailed, show_files, show_notes, show_table, show_text, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import EXPORT, FMU, PACKAGE, check_file
 from eightpost.report.console import Column, Table, console_table, folded, print_error, unbroken
@@ -129,49 +129,25 @@ def build(
         return
     if output.suffix == ".fmu":
         raise click.UsageError(f"{output}: FMUs are named after their SOURCES; name a folder with -o")
-    built = build_with_progress(
-        console,
-        sources,
-        output,
-        target=target,
-        fmi=fmi,
-        confidential=confidential,
-        temperature_input=temperature_input,
-    )
+    from builder.reference import Disclosure
+
+    how = {"disclosure": Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL, "target": target, "fmi": fmi}
+    built = build_with_progress(console, sources, output, temperature_input=temperature_input, **how)
     verdict = show_built(console, built)
     ctx.exit(0 if verdict.is_acceptable else 1)
 
 
-def build_with_progress(
-    console: Console,
-    sources: Sequence[str | Path],
-    output: Path,
-    *,
-    target: str = "native",
-    fmi: str = "2",
-    confidential: bool = False,
-    temperature_input: bool = False,
-) -> list[Built]:
-    """Build with a progress bar, because a first build compiles for all platforms."""
+def build_with_progress(console: Console, sources: Sequence[str | Path], output: Path, **how: Any) -> list[Built]:
+    """Build with a progress bar, because a first build compiles for all platforms; see `builder.build.build`."""
     from builder.build import build as build_fmus
-    from builder.reference import Disclosure
 
     with bar(console, "compiling") as advance:
-        return build_fmus(
-            sources,
-            output,
-            target=target,
-            fmi=fmi,
-            disclosure=Disclosure.CONFIDENTIAL if confidential else Disclosure.FULL,
-            temperature_input=temperature_input,
-            progress=advance,
-        )
+        return build_fmus(sources, output, progress=advance, **how)
 
 
 def show_built(console: Console, built: list[Built]) -> Verdict:
     """Print the FMUs and the verdict that they carry; return the verdict."""
     from builder.build import verdict_on
-    from eightpost.app.show import show_notes, show_verdict
     from eightpost.report.tables import file_size
 
     files = [f"{item.path}: {item.interface.kind} {item.interface.version}, FMI {item.fmi}.0, {item.target}, "
@@ -265,7 +241,6 @@ def _checked(path: Path, scope: Scope) -> CheckReport | NotChecked:
 def show_report(console: Console, report: CheckReport, *, with_findings: bool = True) -> None:
     """Print the findings in an FMU by level, the groups that were performed or skipped, and what no check sees."""
     from builder.check import LIMITS, Level
-    from eightpost.app.show import details, is_detailed, show_notes, show_text
 
     console.print(f"{escape(str(report.path))}: {_verdict(report)}", highlight=False, soft_wrap=True)
     more = details(console)
@@ -300,7 +275,6 @@ def _host_steps(path: Path) -> HostSteps:
 def _show_host_steps(console: Console, name: str, found: HostSteps) -> None:
     """Print the largest steps of each loop for a host that integrates the car."""
     from cosim.study.host_steps import LIMITS, LOOPS
-    from eightpost.app.show import show_table, show_text
 
     def milliseconds(step: float) -> str:
         return f"{1e3 * step:.3g} ms" if step else "below 0.1 ms"

@@ -43,17 +43,12 @@ def test_no_module_below_loads_the_api():
     assert not {name for name in loaded if name.startswith("eightpost.api")}
 
 
-def test_dir_and_the_stub_list_exactly_the_public_names():
+def test_dir_and_the_stub_list_exactly_the_public_names_and_their_modules():
     stub = ast.parse((PACKAGE / "__init__.pyi").read_text())
-    imported = {a.asname for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
+    homes = {a.asname: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
     (listed,) = [ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign)]
-    assert listed == sorted(imported) == sorted(ep.__all__)
-    assert set(dir(ep)) == {*imported, "__version__"}
-
-
-def test_the_stub_names_the_module_of_every_name():
-    stub = ast.parse((PACKAGE / "__init__.pyi").read_text())
-    homes = {a.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names}
+    assert listed == sorted(homes) == sorted(ep.__all__)
+    assert set(dir(ep)) == {*homes, "__version__"}
     assert homes == ep._HOME
 
 
