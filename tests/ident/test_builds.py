@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from eightpost.__main__ import main
 from eightpost.ident import fit_shock
-from eightpost.ident.shock.law_fit import _left_out_builds
+from eightpost.ident.shock.law_fit import left_out_groups
 from eightpost.ident.shock.runs import prepare_runs
 from eightpost.rig.dyno_conditions import DynoConditions
 from eightpost.shock import Lpf1, Port, read_shock
@@ -61,7 +61,7 @@ def test_runs_of_one_build_or_of_unknown_builds_have_no_spread(tests):
 def test_each_build_is_left_out_with_all_its_runs(tests):
     runs = prepare_runs(tests)
     ends = np.cumsum([0, *(f.rows.size for f in runs.filters)])
-    parts = _left_out_builds(runs)
+    parts = left_out_groups(runs, [p.build for p in runs.prepared])
     assert len(parts) == len(SCALES)
     for number, part in enumerate(parts):
         assert [(p.start, p.stop) for p in part.parts] == [(ends[k], ends[k + 1]) for k in (2 * number, 2 * number + 1)]

@@ -15,8 +15,8 @@ from eightpost.ident.shock.law_fit import (
     HeldOut,
     HeldOutErrors,
     LawFit,
-    _left_out_runs,
     left_out_blocks,
+    left_out_groups,
 )
 from eightpost.ident.shock.problem import blocks_of
 from eightpost.ident.shock.result import _by_speed
@@ -71,7 +71,7 @@ def test_a_part_of_every_quarter_is_fitted_so_that_no_speed_of_stepped_sines_is_
 @pytest.mark.parametrize(("count", "fits"), [(2, 2), (8, 8), (11, 8)])
 def test_each_run_is_left_out_once_by_at_most_eight_fits(count, fits):
     runs = Runs.of([prepare(sine(duration=2.0))] * count)
-    left = _left_out_runs(runs)
+    left = left_out_groups(runs, range(len(runs.prepared)))
     assert len(left) == fits
     assert sum(len(part.parts) for part in left) == count
     assert all(part.is_whole and not part.kept[part.parts[0]].any() for part in left)

@@ -114,6 +114,18 @@ def test_a_known_stop_is_found_and_noted(law_record):
     assert any(change.startswith("the law has a stop: held-out error") for change in fit.changes)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("speeds", "is_wide"), [((0.3,), True), ((0.3, 0.9), False)])
+def test_the_interval_of_the_preload_contains_twice_its_difference_from_that_of_lpnl2_if_there_is_one_motion(
+    speeds, is_wide
+):
+    records = [sine(hysteresis(), speed) for speed in speeds]
+    own, other = (fit_shock(records, law).parameter("gas_preload") for law in ("hysteresis", "lpnl2"))
+    assert own.value == pytest.approx(150.0, abs=3.0)
+    assert (own.reach * own.error > 2.0 * abs(own.value - other.value) > 0.0) is is_wide
+    assert own.reach * own.error < 5.0
+
+
 def test_a_stop_that_hardly_lowers_the_error_is_left_out_without_a_word(fit):
     assert not any("stop" in change for change in fit.changes)
     assert "stop_stiffness" not in {parameter.name for parameter in fit.parameters}

@@ -14,7 +14,7 @@ from eightpost.ident.shock.curve import KnotBasis
 from eightpost.ident.shock.force import Dynamics, ForceModel, LawLimits
 from eightpost.ident.shock.simulation import array_form, lag, lag_sensitivity
 from eightpost.least_squares import Parameters, linear_solution
-from eightpost.shock import CurveNumbers, FitParameter, ShockLaw, Valve, fit_form, fit_parameters, law_module
+from eightpost.shock import FitParameter, ShockLaw, Valve, fit_form, fit_parameters, law_module
 
 # ==== Laws that are fitted by stepping their own functions ===========================================================
 
@@ -89,7 +89,9 @@ class SteppedLaw(OwnParameters):
         with needs("fit", "fitting a law with dynamics"):
             from eightpost.shock.records import stepped_force  # noqa: PLC0415 - LLVM, which other laws do not need
 
-        valve, own = Valve(_numbers(model, b), 1.0, 1.0), tuple(self.values(theta).tolist())
+        assert isinstance(model.basis.curve, KnotBasis)
+        curve = model.basis.curve.static_curve(model.basis.to_curve @ b)
+        valve, own = Valve(curve.numbers(), 1.0, 1.0), tuple(self.values(theta).tolist())
         forces = []
         for prepared, part in zip(model.runs.prepared, model.runs.parts, strict=True):
             velocity = model.runs.velocity[part]
@@ -107,7 +109,9 @@ class SteppedLaw(OwnParameters):
         here = self.force(coarse, b, theta)
         small = _CURVE_STEP * model.runs.deviation
         moved = [self.force(coarse, b + small * unit, theta) - here for unit in np.eye(b.size)]
-        steps = self._steps(theta)
+        low, high = self.bounds()
+        steps = _OWN_STEP * np.where(self.own.logarithmic, 1.0, high - low)
+        steps = np.where(theta + steps > high, -steps, steps)
         own = [self.force(coarse, b, theta + step) - here for step in np.diag(steps)]
         by_curve = coarse.runs.rows(np.array(moved) / small).T
         return by_curve, coarse.runs.rows(np.array(own).reshape(theta.size, -1) / steps[:, None]).T
@@ -126,17 +130,6 @@ class SteppedLaw(OwnParameters):
             errors = [float(np.sum((self.rows(coarse, b, t) - target) ** 2)) for t in trials]
             theta = trials[int(np.nanargmin(errors))]
         return theta
-
-    def _steps(self, theta: Array) -> Array:
-        low, high = self.bounds()
-        steps = _OWN_STEP * np.where(self.own.logarithmic, 1.0, high - low)
-        return np.where(theta + steps > high, -steps, steps)
-
-
-def _numbers(model: ForceModel, b: Array) -> CurveNumbers:
-    """Return the curve of b."""
-    assert isinstance(model.basis.curve, KnotBasis)
-    return model.basis.curve.static_curve(model.basis.to_curve @ b).numbers()
 
 
 # ==== Closed forms ===================================================================================================
@@ -304,19 +297,16 @@ class FadingLag(OwnParameters):
         """Return the best starting points of a grid; alpha is that of LPF1's static force, so the rows are linear."""
         static, columns = model.static(full_lag[: model.curve_count]), model.basis.columns.T
         taus = np.minimum(float(full_lag[-1]) * np.array(_TAU_SHARES), self.limits.time_constant[1])
-        starts = []
+        peak, starts = float(np.abs(static).max()), []
+        ends = [(full * peak, zero * peak) for full in _FULL_SHARES for zero in _ZERO_SHARES if zero > full]
         for tau in taus.tolist():
             pairs = zip(model.runs.prepared, model.runs.parts, strict=True)
             behind = np.hstack([lag(columns[:, part].T, tau, p.step).T for p, part in pairs]) - columns
-            for theta in self._start_thetas(tau, float(np.abs(static).max())):
+            for theta in (self.theta(tau, *forces) for forces in ends):
                 linear, cost = projected(model, model.runs.rows(columns + self.weight(static, theta) * behind).T)
                 starts.append((cost, np.append(linear, theta)))
         starts.sort(key=lambda start: start[0])
         return [parameters for _, parameters in starts[:count]]
-
-    def _start_thetas(self, tau: float, peak: float) -> list[Array]:
-        pairs = [(full, zero) for full in _FULL_SHARES for zero in _ZERO_SHARES if zero > full]
-        return [self.theta(tau, full * peak, zero * peak) for full, zero in pairs]
 
     def changes(self) -> tuple[str, ...]:
         """Return notes on changed bounds of tau and of the forces."""

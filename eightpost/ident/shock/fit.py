@@ -78,7 +78,9 @@ def fit_boggs(runs: Runs, law: str, gas: GasTreatment) -> Solution:
         static = _on_grid(static, dynamics)
     elif isinstance(dynamics, FadingLag):
         static = _constrained(static, dynamics)
-    notes = [*_transition_notes(runs, curve), *dynamics.changes(), *map(_straight_note, straight.items()), *notes]
+    ends = f"samples beyond the transition, {FEWEST_OUTER} are needed"
+    lines = [f"straight line instead of the cubic in {side}: {count} {ends}" for side, count in straight.items()]
+    notes = [*_transition_notes(runs, curve), *dynamics.changes(), *lines, *notes]
     return replace(static, notes=(*notes, *static.notes))
 
 
@@ -111,12 +113,6 @@ def _sides_without_data(runs: Runs, transition: float) -> dict[str, int]:
     sides = {"compression": velocity > transition, "rebound": velocity < -transition}
     counts = {side: int(np.sum(beyond)) for side, beyond in sides.items()}
     return {side: count for side, count in counts.items() if count < FEWEST_OUTER}
-
-
-def _straight_note(side: tuple[str, int]) -> str:
-    name, count = side
-    why = f"{count} samples beyond the transition, {FEWEST_OUTER} are needed"
-    return f"straight line instead of the cubic in {name}: {why}"
 
 
 def _static(model: ForceModel) -> Solution:
@@ -343,9 +339,7 @@ def fit_shock(
 
 
 def _solved(runs: Runs, law: str, choices: Choices) -> tuple[Solution, int, HeldOutErrors | None, float]:
-    """Return the solution with its notes, the number of down-weighted samples, the errors on left-out parts, and the
-    difference of the preload from that of LPNL2 [N].
-    """
+    """Return the solution with notes, the number of down-weighted samples, held-out errors, and `Story.level`."""
     if choices.recipe == "boggs":
         return fit_boggs(runs, law, choices.gas), 0, None, 0.0
     fitted = fit_of([runs], law, choices)

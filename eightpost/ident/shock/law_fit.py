@@ -408,25 +408,16 @@ def left_out_blocks(runs: Runs) -> list[LeftOut]:
     return found
 
 
-def _left_out_runs(runs: Runs) -> list[LeftOut]:
-    """Return each run, of many runs in groups."""
-    rows, found = _rows_of(runs), []
-    fits = min(len(rows), _MOST_FITS)
+def left_out_groups(runs: Runs, names: Sequence[object]) -> list[LeftOut]:
+    """Return the runs of each name (one for each run), of many names in groups."""
+    rows, found, each = _rows_of(runs), [], list(dict.fromkeys(names))
+    fits = min(len(each), _MOST_FITS)
     for number in range(fits):
-        kept, parts = np.ones(runs.target.size, dtype=bool), tuple(rows[number::fits])
-        for part in parts:
-            kept[part] = False
-        found.append(LeftOut(kept, parts, is_whole=True))
-    return found
-
-
-def _left_out_builds(runs: Runs) -> list[LeftOut]:
-    """Return all runs of each build, of many builds in groups."""
-    builds, rows, found = runs.builds, _rows_of(runs), []
-    fits = min(len(builds), _MOST_FITS)
-    for number in range(fits):
-        kept, group = np.ones(runs.target.size, dtype=bool), builds[number::fits]
-        parts = tuple(part for part, p in zip(rows, runs.prepared, strict=True) if p.build in group)
+        group = each[number::fits]
+        kept, parts = (
+            np.ones(runs.target.size, dtype=bool),
+            tuple(r for r, n in zip(rows, names, strict=True) if n in group),
+        )
         for part in parts:
             kept[part] = False
         found.append(LeftOut(kept, parts, is_whole=True))
@@ -464,8 +455,9 @@ class CrossValidation:
     def _predicted(self) -> list[tuple[LeftOut, Array]]:
         """Each part with the force (R,) [N] of a fit without it."""
         runs = self.fit.runs
-        left_out = {"builds": _left_out_builds, "runs": _left_out_runs, "quarters": left_out_blocks}[self.left_out]
-        return [(part, self.fit.refitted_rows(runs.weights * part.kept)) for part in beats(left_out(runs))]
+        names = [p.build if self.left_out == "builds" else n for n, p in enumerate(runs.prepared)]
+        parts = left_out_blocks(runs) if self.left_out == "quarters" else left_out_groups(runs, names)
+        return [(part, self.fit.refitted_rows(runs.weights * part.kept)) for part in beats(parts)]
 
 
 def _mean_squares(error: Array, weights: Array, variance: float) -> list[float]:

@@ -154,15 +154,12 @@ def fit_tables(
         shock, path = fit_peak_velocity(table, name=name, gas=gas), output
         if len(tables) > 1:
             shock = replace(shock, name=f"{shock.name} {table.clicks}" if table.clicks else shock.name)
-            path = output.with_stem(f"{output.stem}_{_slug(table.clicks)}")
+            setting = re.sub(r"[^A-Za-z0-9.+-]+", "_", table.clicks or "").strip("_") or "setting"
+            path = output.with_stem(f"{output.stem}_{setting}")
         shock = replace(shock, conditions=dict(shock.conditions) | ({"build": build} if build else {}))
         write_shock(shock, path)
         fitted.append(_FittedTable(table, shock, path))
     return tuple(fitted)
-
-
-def _slug(clicks: str | None) -> str:
-    return re.sub(r"[^A-Za-z0-9.+-]+", "_", clicks or "").strip("_") or "setting"
 
 
 def _why(table: PeakVelocityTable) -> str:

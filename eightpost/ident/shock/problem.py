@@ -117,26 +117,20 @@ def _drift(directions: Directions, residual: Array, runs: Runs) -> Array:
     """Return the changes of the parameters (n,) from the middle of the covariate, temperature or time, to its ends.
 
     The residual is regressed on three forces that grow with the covariate: shares of the force in compression and of
-    that in rebound, and a constant one. The parameters change as the fit would if the measured force changed so. The
-    constant force grows within each run only: between runs, their offsets follow it.
+    that in rebound, without their mean, and a constant one, which grows within each run only: between runs, their
+    offsets follow it. The parameters change as the fit would if the measured force changed so.
     """
     root = np.sqrt(runs.weights)
     within = [c - c.mean() for c in np.split(runs.covariate, np.cumsum([f.rows.size for f in runs.filters])[:-1])]
     covariates = np.column_stack([runs.covariate, runs.covariate, np.concatenate(within)])
-    patterns = _slow_patterns(runs) * root[:, None]
+    force, compression = runs.target - np.average(runs.target, weights=runs.weights), runs.row_velocity > 0.0
+    patterns = np.column_stack([force * compression, force * ~compression, np.ones(force.size)]) * root[:, None]
     rows = directions.left[: residual.size]
     growing = covariates * patterns
     seen = growing - rows @ (rows.T @ growing)  # the fit follows what the parameters can
     gains = linear_solution(seen, -residual, weakest=1e-7)
     change = patterns @ (_STATES * np.ptp(covariates, axis=0) * gains)
     return directions.parameters(rows.T @ change)
-
-
-def _slow_patterns(runs: Runs) -> Array:
-    """Return forces at the rows (R, 3) [N]: those in compression and in rebound without their mean, and 1 N."""
-    force, mean = runs.target, float(np.average(runs.target, weights=runs.weights))
-    compression = runs.row_velocity > 0.0
-    return np.column_stack([(force - mean) * compression, (force - mean) * ~compression, np.ones(force.size)])
 
 
 def _without_penalties(directions: Directions, residual: Array, penalties: Sequence[Array]) -> Array:

@@ -491,15 +491,8 @@ def parameter_table(fit: ShockFit) -> Table:
 
 def _parameter_row(parameter: Parameter) -> tuple[str, ...]:
     value, unit = in_field_units(parameter.value, parameter.unit)
-    si = f"{parameter.value:.4g} {parameter.unit}"
-    return (
-        parameter.name,
-        f"{value:.4g} {unit}",
-        _interval(parameter),
-        si,
-        _bounds(parameter),
-        parameter.at_bound or "-",
-    )
+    shown = f"{value:.4g} {unit}", _interval(parameter), f"{parameter.value:.4g} {parameter.unit}", _bounds(parameter)
+    return (parameter.name, *shown, parameter.at_bound or "-")
 
 
 def _reduction(fit: ShockFit, static: float | None) -> str:
