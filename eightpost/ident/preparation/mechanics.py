@@ -310,12 +310,14 @@ def _siblings(
 ) -> Iterator[Comparison]:
     """Yield the comparisons of each of four corners with the others; the axles may differ, so first across the axle.
 
-    The tolerance is that of a corner with the median of the forces `sizes`; what friction adds to a law is a force, and
-    so matters more where they are smaller.
+    A negative figure has the tolerance of a corner with the median of the forces `sizes`: friction that sticks is a
+    force, and so looks like a longer lead of a smaller one.
     """
     for k, one in enumerate(found if len(found) == 4 else ()):
         others = [found[k ^ 1], *(found[j] for j in range(4) if j not in (k, k ^ 1))]
-        yield one.minus(others, tolerance * max(1.0, float(np.median(sizes)) / sizes[k]))
+        apart = one.minus(others, tolerance)
+        lead = max(1.0, float(np.median(sizes)) / sizes[k]) if apart.value < 0.0 else 1.0
+        yield apart._replace(tolerance=lead * tolerance)
 
 
 # ---- One corner -----------------------------------------------------------------------------------------------------

@@ -58,7 +58,9 @@ class Feedthrough:
 
     def of_input(self, j: int, weight: Array, s: Complex) -> Complex:
         """Return the weighted terms of input `j` as columns (p, K, r): direct ones, then those of its lags."""
-        terms = [(int(i), lag.response(s)) for lag in self.lags if lag.input == j for i in np.flatnonzero(lag.outputs)]
+        terms = [
+            (i, lag.response(s)) for lag in self.lags if lag.input == j for i in np.flatnonzero(lag.outputs).tolist()
+        ]
         return _columns(weight, np.flatnonzero(self.direct[:, j]), terms)
 
 

@@ -181,7 +181,7 @@ def test_predictions_are_corrected_by_the_bias():
 def test_another_drive_is_less_certain_by_the_spread_over_the_bands():
     one, apart = MeasureUncertainty.of_levels([level()], 0.03), _drive_distance(LAP, TESTS)
     moved = one.on_drive(LAP)
-    assert moved.common == pytest.approx(math.hypot(0.01, 2.5 * 0.02 * apart))
+    assert moved.common == pytest.approx(math.hypot(0.01, 4.0 * 0.02 * apart))
     assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart))
     assert moved.levels == ()
 
@@ -190,11 +190,11 @@ def test_power_above_that_of_the_records_is_as_uncertain_as_the_output_there():
     low = (0.5, 0.25, 0.25, *(0.0,) * 8)
     apart = _drive_distance(low, TESTS)
     assert MeasureUncertainty.of_levels([level()], 0.03).on_drive(low).common == pytest.approx(
-        math.hypot(0.01, 2.5 * 0.02 * apart)
+        math.hypot(0.01, 4.0 * 0.02 * apart)
     )
     half = (0.0, 0.25, 0.25, *(0.0,) * 7, 0.5)
     moved, apart = MeasureUncertainty.of_levels([level()], 0.03).on_drive(half), _drive_distance(half, TESTS)
-    assert moved.common == pytest.approx(math.hypot(0.01, 2.5 * 0.02 * apart, 0.35))
+    assert moved.common == pytest.approx(math.hypot(0.01, 4.0 * 0.02 * apart, 0.35))
     assert moved.own == pytest.approx(math.hypot(0.03, 1.5 * 0.02 * apart, 0.35))
 
 
@@ -202,7 +202,7 @@ def test_a_record_counts_the_more_the_nearer_its_drive_is():
     lap = level(error=0.04, shares=LAP)
     one = MeasureUncertainty.of_levels([level(), lap], 0.03)
     there, here = one.on_drive(LAP), one.on_drive(TESTS)
-    far = math.hypot(0.01, 2.5 * 0.02 * _drive_distance(LAP, TESTS))
+    far = math.hypot(0.01, 4.0 * 0.02 * _drive_distance(LAP, TESTS))
     weight = 0.01**-2 / (0.01**-2 + far**-2)
     assert there.bias == pytest.approx(0.04 * weight)
     assert there.common == pytest.approx((0.01**-2 + far**-2) ** -0.5)
