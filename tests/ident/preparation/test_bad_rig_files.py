@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from eightpost.__main__ import main
 from eightpost.ident.preparation import advance_channels, prepare
 from eightpost.rig import RigTest
-from eightpost.signals import TimeSeries
+from eightpost.signals import TimeSeries, formats, parquet_file, raw_record
+from eightpost.signals.timeseries import StoredSeries
 
 from ..linear_rig import record
 
@@ -101,6 +102,21 @@ def test_a_good_file_is_shown_and_is_in_step(good, tmp_path):
     assert "5.999 s at 1250 Hz, corners lf rf lr rr" in said
     assert re.search(r"tire_force is 0\.0\d ms (ahead of|behind) the accelerometers", said)
     assert "No warnings." in said
+
+
+def test_inspect_keeps_no_channel_of_a_large_file_and_shows_what_it_shows_of_a_small_one(good, tmp_path, monkeypatch):
+    path, read = written(good, tmp_path / "rig.parquet"), StoredSeries.__getattr__
+
+    def at_most_two(series, name):
+        assert len(series.names) <= 2
+        return read(series, name)
+
+    expected = run("-v", "inspect", path)
+    monkeypatch.setattr(StoredSeries, "__getattr__", at_most_two)
+    for module in (formats, parquet_file, raw_record):
+        monkeypatch.setattr(module, "IN_MEMORY", 1)
+    path = path.rename(tmp_path / "two.parquet")
+    assert run("-v", "inspect", path) == (expected[0], expected[1].replace("rig.parquet", "two.parquet"))
 
 
 def test_a_late_logger_is_a_warning(good, tmp_path):
