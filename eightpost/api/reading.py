@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args, overload
 
-from eightpost.errors import FileFormatError, InputError, missing_file, suggestion
-from eightpost.files import toml_content
+from eightpost.errors import EightpostError, FileFormatError, InputError, missing_file, suggestion
+from eightpost.files import document_kind, toml_content
 
 if TYPE_CHECKING:
     from cosim.session.result import SavedRun
@@ -254,8 +254,6 @@ def _kind_of(path: Path, channel_map: ChannelMap | None) -> Kind:
     if suffix == ".toml":
         return _toml_kind(path)
     if suffix == ".json":
-        from eightpost.files import document_kind
-
         return "shock" if document_kind(path) == "shock" else "vehicle"
     if suffix == ".parquet" and _is_study_result(path):
         return "study result"
@@ -269,7 +267,6 @@ def _toml_kind(path: Path) -> Kind:
 
 
 def _is_study_result(path: Path) -> bool:
-    from eightpost.errors import EightpostError
     from eightpost.signals.parquet_file import read_metadata
 
     try:

@@ -14,7 +14,18 @@ from builder.build import build
 from cosim.components.fmu_file import SharedFmu
 from cosim.study.choice.assess import Knowledge, certainty_of
 from cosim.study.choice.certainty import Certainty, read_certainty, write_certainty
-from cosim.study.choice.rig_day import POOL, TOTAL, TWICE
+from cosim.study.choice.rig_day import (
+    POOL,
+    TOTAL,
+    TWICE,
+    Selection,
+    compare_with_rig,
+    read_selection,
+    requested_runs,
+    select,
+    with_rig_runs,
+    write_selection,
+)
 from cosim.study.choice.sources import effects_of, stated_parameters
 from cosim.study.definition import Study
 from cosim.study.running.evaluator import Coupling, Evaluator, traces
@@ -38,7 +49,6 @@ if TYPE_CHECKING:
     from builder.build import Built
     from cosim.study.choice.compare import Comparison
     from cosim.study.choice.optimise import Optimum, Search
-    from cosim.study.choice.rig_day import Selection
     from cosim.study.choice.robust import LinearityCheck, Uncertain
     from cosim.study.choice.sensitivity import MeasureChange, Sensitivity
     from eightpost.api.shapes import Aim, Request
@@ -183,8 +193,6 @@ class StudyFolder:
         Raises:
             FileFormatError: The selection belongs to another study.
         """
-        from cosim.study.choice.rig_day import read_selection
-
         path = self.path / SELECTION
         return read_selection(path, self.result) if path.is_file() else None
 
@@ -431,8 +439,6 @@ class StudyFolder:
         twice: int = TWICE,
     ) -> Selection:
         """Select setups to confirm on the rig, and write their list; see `cosim.study.choice.rig_day.select`."""
-        from cosim.study.choice.rig_day import select, write_selection
-
         found = select(self.result, measures, total=total, share=share, pool=pool, certainty=self.certainty())
         write_selection(found, self.result, self.path / SELECTION, twice=twice)
         return found
@@ -461,8 +467,6 @@ class StudyFolder:
         Raises:
             InputError: The study has no certainty, or a record does not fit it.
         """
-        from cosim.study.choice.rig_day import requested_runs, with_rig_runs
-
         result, before = self.result, self.certainty()
         if before is None:
             again = "run `eightpost study` again with the same folder (completed runs are not repeated)"
@@ -508,7 +512,6 @@ class StudyFolder:
             Comparison of each measure, the verdict, and the picture.
         """
         from cosim.study.choice.compare import comparison_verdict, write_and_plot
-        from cosim.study.choice.rig_day import compare_with_rig
 
         path = measured / SELECTION if measured.is_dir() else measured
         reader, certainty = self._record_reader(channel_map, units, flip or {}), self.certainty()

@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from eightpost.api.reading import is_system
+from eightpost.api.reading import existing_toml, is_system
 from eightpost.app.options import STATED, FilePath, OutputFile, Quantity, argument, group, option, setting, verb
 from eightpost.app.show import bar, details, is_detailed, show_files, show_notes, show_table, show_text, show_verdict
 from eightpost.errors import InputError
@@ -39,7 +39,6 @@ def _assemble_with_progress(console: Console, source: Path, output: Path, *, fmi
     from builder.assembly import assemble
     from builder.build import fmu_identifier
     from cosim.system_file import read_case
-    from eightpost.api.reading import existing_toml
 
     existing_toml(source, "system")
     path = output if output.suffix == ".fmu" else output / f"{fmu_identifier(source.stem)}.fmu"
@@ -266,7 +265,6 @@ def _sentence(finding: Finding) -> str:
 def _host_steps(path: Path) -> HostSteps:
     from cosim.study.host_steps import host_steps
     from cosim.system_file import read_case
-    from eightpost.api.reading import existing_toml
 
     with Console(stderr=True).status(f"finding the steps for {escape(str(path))}"):
         return host_steps(read_case(existing_toml(path, "system")))

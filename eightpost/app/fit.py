@@ -26,6 +26,7 @@ from eightpost.app.options import (
     verb,
 )
 from eightpost.app.show import (
+    bar,
     details,
     is_detailed,
     show_files,
@@ -473,7 +474,6 @@ def report(ctx: click.Context, asked: _ReportOptions = group(_ReportOptions)) ->
 
 def _dyno_page(console: Console, asked: _ReportOptions) -> bool:
     """Write the page about shocks; return whether all are acceptable and within the limits."""
-    from eightpost.app.show import show_files, show_notes, show_text, show_verdict
     from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_limits
     from eightpost.ident.dyno_report.page import report_verdict, write_report
 
@@ -509,7 +509,6 @@ def _dyno_page(console: Console, asked: _ReportOptions) -> bool:
 def _live_page(console: Console, files: Sequence[Path], output: Path, car: Path | None) -> Verdict:
     """Write the page on which a shock runs live; return the verdict on the shock."""
     from builder.live_page import write_live_page
-    from eightpost.app.show import show_files, show_verdict
     from eightpost.examples_folder import examples_folder
 
     if len(files) > 1:
@@ -528,7 +527,6 @@ def is_study(path: Path) -> bool:
 
 
 def _study_page(console: Console, folder: Path) -> None:
-    from eightpost.app.show import show_files
     from eightpost.app.study import saved
 
     show_files(console, [saved(console, folder).write_page()])
@@ -580,7 +578,6 @@ def _corners(asked: _ReportOptions) -> tuple[CarCorner, ...]:
 
 
 def _read(console: Console, files: Sequence[Path], reading: Reading) -> tuple[Entry, ...]:
-    from eightpost.app.show import bar
     from eightpost.ident.dyno_report.builds import read_entries
 
     with bar(console, "reading", len(files)) as advance:

@@ -13,7 +13,7 @@ import eightpost
 from eightpost.app.options import OutputFolder, argument, option, setting, verb
 from eightpost.errors import InputError, OutputError
 from eightpost.examples_folder import examples_folder
-from eightpost.files import atomic_path
+from eightpost.files import atomic_path, write_text
 from eightpost.outputs import PAGE
 
 #: Files of a starter folder and where they are in the examples.
@@ -96,7 +96,6 @@ def units(system: str | None = argument("[us|si|file]", kind=("us", "si", "file"
       eightpost units si
       eightpost units
     """
-    from eightpost.files import write_text
     from eightpost.units import CHOICE, choice_path, chosen_system
 
     console, path = Console(soft_wrap=True, highlight=False), choice_path()

@@ -29,7 +29,16 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.show import ConsoleListener
+from eightpost.app.show import (
+    ConsoleListener,
+    details,
+    is_detailed,
+    show_files,
+    show_notes,
+    show_table,
+    show_text,
+    show_verdict,
+)
 from eightpost.outputs import PAGE, TABLE
 from eightpost.report.console import Table, console_table, unbroken
 
@@ -99,8 +108,6 @@ def study(
       eightpost study examples/study.toml -o out/ --rank "front ride height, RMS"
       eightpost study examples/study.toml -o out/ --trace 1200
     """
-    from eightpost.app.show import show_files
-
     console = Console()
     _stop_at_sigterm()
     folder = opened(console, study_file, output, workers, patience)
@@ -170,8 +177,6 @@ def begin(console: Console, folder: StudyFolder, plan: str = "") -> None:
 
 def show_study(console: Console, sweep: Sweep, plan: str = "") -> None:
     """Print the size of a study, and what is to be run (by default, all that is left); with -v, its settings."""
-    from eightpost.app.show import details, show_text
-
     read, more = sweep.study, details(console)
     total, plan = len(read.space), plan or f"{sweep.left} to be run"
     show_text(console, f"{total} setups, {plan}: {read.name}", style="bold", lines=1)
@@ -205,7 +210,6 @@ def show_result(
 ) -> None:
     """Print the ranking, how sure it is, and the setups that failed or have a mark."""
     from cosim.study.verdict import study_verdict
-    from eightpost.app.show import details, is_detailed, show_table, show_text, show_verdict
 
     rows, most = result.ranking(rank), top if is_detailed() else min(top, _BEST)
     table = _ranking(result, rows[:most].tolist(), rank, is_brief=not is_detailed())
@@ -228,7 +232,6 @@ def show_result(
 def show_certainty(console: Console, result: StudyResult, certainty: Certainty) -> None:
     """Print which setup is most probably the best, and what to test next; with -v, the whole summary."""
     from cosim.study.choice.certainty import summary_lines
-    from eightpost.app.show import is_detailed, show_text
 
     for place, line in enumerate(summary_lines(result, certainty)):
         style = "bold" if place == 0 else ""
@@ -263,15 +266,11 @@ def _ranking(result: StudyResult, rows: list[int], rank: str | None, *, is_brief
 
 
 def _show_failed(console: Console, result: StudyResult) -> None:
-    from eightpost.app.show import show_notes
-
     show_notes(console, (f"{setup}: {message}" for setup, message in result.failures), "failed setup")
 
 
 def _show_marks(console: Console, result: StudyResult) -> None:
     """Print how many setups have each kind of mark."""
-    from eightpost.app.show import show_text
-
     for kind in ("beyond its fitted velocities", "tire off the ground", "coupling"):
         if count := result.marked(kind):
             show_text(console, f"marked {count} setups: {kind}; see column marks")
@@ -306,7 +305,6 @@ def optimise(
       eightpost study optimise examples/study.toml -o out/ --for "front ride height, RMS" --for "total tire force, RMS"
     """
     from cosim.study.choice.optimise import Search, objectives_in_words
-    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     folder, search = opened(console, study_file, output, workers), Search(objectives, evaluations, seed)
@@ -365,8 +363,6 @@ def whatif(
       eightpost study whatif out/ --at lr --rebound +1
       eightpost study whatif out/ --at lf --at rf --compression -2 --set click='10 %' --set speeds=high
     """
-    from eightpost.app.show import show_table
-
     clicks = {side: count for side, count in (("rebound", rebound), ("compression", compression)) if count}
     study = saved(console := Console(), folder, workers)
     show_table(console, _effect_table(study.what_if(corners, clicks, share=share, speeds=speeds, setup=setup)))
@@ -401,8 +397,6 @@ def sensitivity(
     Example:
       eightpost study sensitivity out/
     """
-    from eightpost.app.show import show_files, show_table, show_text
-
     console = Console()
     study = saved(console, folder)
     results = study.sensitivity(output)
@@ -464,7 +458,6 @@ def robust(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, SPREADS
-    from eightpost.app.show import show_files, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder, workers)

@@ -28,6 +28,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
+from eightpost.app.show import details, show_files, show_notes, show_table, show_text, show_verdict
 from eightpost.app.study import FILES, begin, opened, saved, show_certainty
 from eightpost.errors import InputError
 from eightpost.outputs import AIM, PAGE, PICTURE
@@ -82,7 +83,6 @@ def select(
     """
     from cosim.study.choice.rig_day import BASELINE_RUNS, repeated
     from eightpost.api.study_folder import SELECTION
-    from eightpost.app.show import show_files, show_table, show_text
 
     console = Console()
     study = saved(console, folder)
@@ -154,7 +154,6 @@ def confirm(
     """
     from cosim.study.verdict import study_verdict
     from eightpost.api.study_folder import CERTAINTY, PREVIOUS
-    from eightpost.app.show import details, show_files, show_table, show_text, show_verdict
 
     console = Console()
     study = saved(console, folder)
@@ -202,7 +201,6 @@ def _show_contradictions(console: Console, result: StudyResult, certainty: Certa
     """Print the measured levels that the prediction does not explain."""
     from cosim.study.choice.certainty import chance_text
     from eightpost import units
-    from eightpost.app.show import show_notes
 
     texts = []
     for one in certainty.contradictions:
@@ -263,8 +261,6 @@ def compare(
       eightpost study compare out out/swapped -o out/changes.png
       eightpost study compare out/ --measured rig_day/selection.csv
     """
-    from eightpost.app.show import details, show_files, show_table, show_verdict
-
     console = Console()
     if measured is None:
         verdict = _compare_runs(console, folders, vehicle, output)
@@ -285,7 +281,6 @@ def compare(
 def _compare_runs(console: Console, folders: tuple[Path, ...], vehicle: str, output: Path | None) -> Verdict:
     from cosim.session.result import SavedRun
     from cosim.study.choice.compare import compare_runs
-    from eightpost.app.show import show_files, show_table, show_text
 
     saved = {str(folder): SavedRun.load(folder) for folder in folders}
     for number, (folder, run) in enumerate(saved.items(), start=1):
@@ -426,7 +421,6 @@ def shapes(ctx: click.Context, asked: _ShapeOptions = group(_ShapeOptions)) -> N
     from cosim.study.choice.shape_search import Robustness
     from eightpost.api.shape_page import aim_verdict
     from eightpost.api.shapes import Request, bank_plan, searched_groups
-    from eightpost.app.show import show_files, show_text, show_verdict
     from eightpost.shock.shape import CURVE_NUMBERS
 
     console = Console()
@@ -491,7 +485,6 @@ def _show(console: Console, found: Aim) -> None:
         objective_table,
         robust_table,
     )
-    from eightpost.app.show import details, show_table, show_text
     from eightpost.report.tables import result_table
 
     show_table(console, result_table(objective_table(found)), most=3)
@@ -545,7 +538,6 @@ def clicks(
       eightpost study clicks shock.json --curve other_shock.json --set speeds='0 m/s, 0.2 m/s' --plot target.png
       eightpost study clicks shock.json --curve target.csv --fix compression=8
     """
-    from eightpost.app.show import show_files, show_notes, show_table, show_text
     from eightpost.ident.shock.clicks import answer_table, best_clicks, read_target
     from eightpost.shock import read_shock
 

@@ -23,7 +23,7 @@ from eightpost.app.options import (
     setting,
     verb,
 )
-from eightpost.app.show import each, show_notes, show_text
+from eightpost.app.show import bar, each, show_files, show_notes, show_table, show_text, show_verdict
 from eightpost.errors import InputError
 from eightpost.outputs import RECORD
 
@@ -358,7 +358,7 @@ def start(asked: _StartOptions = group(_StartOptions)) -> None:
     problem = drivefile.Problem(target, begin, settings)
     folder = drivefile.IterationFolder.start(asked.output, problem, sources=sources, suffix=asked.suffix)
     console = Console(highlight=False)
-    _show_notes(console, begin.notes)
+    show_notes(console, begin.notes, most=1)
     _show_state(console, folder)
 
 
@@ -387,9 +387,9 @@ def next_drive(
     console = Console(highlight=False)
     iteration = IterationFolder.read(folder)
     if record is not None and iteration.is_added(record):  # an interrupted call is repeated
-        _show_notes(console, (f"{record} is the record of pass {iteration.played} already",))
+        show_notes(console, (f"{record} is the record of pass {iteration.played} already",), most=1)
     elif record is not None:
-        _show_notes(console, iteration.add_record(record, **channels.options))
+        show_notes(console, iteration.add_record(record, **channels.options), most=1)
     iteration.write_next()
     ctx.exit(0 if _show_state(console, iteration) else 1)
 
@@ -427,7 +427,6 @@ def simulate(
       eightpost drivefile start track.parquet --car car.json -o lap/
       eightpost drivefile simulate lap/ --passes 8
     """
-    from eightpost.app.show import bar
     from eightpost.drivefile import IterationFolder, Status
     from eightpost.drivefile.folder import iterate
     from eightpost.virtual.program import Bench
@@ -456,15 +455,8 @@ def _car(path: Path) -> tuple[Vehicle, FrequencyResponse | None]:
     return read_vehicle(path), None
 
 
-def _show_notes(console: Console, notes: tuple[str, ...]) -> None:
-    from eightpost.app.show import show_notes
-
-    show_notes(console, notes, most=1)
-
-
 def _show_state(console: Console, folder: IterationFolder) -> bool:
     """Print errors, verdict and files, write the page, and return whether the verdict is acceptable."""
-    from eightpost.app.show import show_files, show_notes, show_table, show_verdict
     from eightpost.drivefile.page import error_table, verdict_of, write_iteration_page
     from eightpost.report.tables import result_table
 
