@@ -32,6 +32,20 @@ def test_the_regret_of_a_law_is_its_error_over_that_of_the_best_one():
     assert f"| {laws.RUN} (2) | 2.5 | 2 | 1.5 | 1.52 | 50, 25, 0, 1 | 2 | 2 |" in text
 
 
+def test_a_held_out_part_begins_with_its_first_motion_and_may_end_with_a_rest(tmp_path):
+    time = np.arange(1600) / 100.0
+    moves = (time >= 0.2) & (time < 14.2)
+    x = np.where(moves, 0.01 * (1.0 - np.cos(2.0 * np.pi * (time - 0.2))), 0.0)
+    v = np.gradient(x, time)
+    columns = {"time [s]": time, "displacement [m]": x, "velocity [m/s]": v, "force [N]": 2000.0 * v}
+    (tmp_path / "labcontrol").mkdir()
+    path = tmp_path / "labcontrol" / "run.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    found = [(kind, record.series.time) for one in laws.splits(tmp_path) for kind, record in one.held_out.items()]
+    assert [kind for kind, _ in found] == [laws.REST, laws.TIME, laws.REST, laws.TIME]
+    assert [round(float(time[0]), 1) for kind, time in found if kind == laws.TIME] == [0.2, 0.2]
+
+
 def test_stepped_sines_have_three_cycles_each_and_no_jump():
     x = stepped(0.01, np.array([1.0, 2.0]))
     assert x.size == round(4.5 * RATE)
