@@ -18,7 +18,7 @@ from __future__ import annotations
 import resource
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,11 @@ FRICTION: Mapping[str, Mapping[str, float]] = {
     "port springs": {"port_spring": 1e5},
 }
 
-Row = dict[str, Any]
+#: Kinds of outputs of a vehicle whose errors are stated.
+KINDS = ("tire_force", "velocity", "hub_acceleration")
+
+HEADS = ("what", "step [ms]", "setups", "double [ms]", "single [ms]", "FMUs [ms]", "ratio", "tire", "velocity", "hub",
+         "from FMUs [%]", "single from double [%]")  # fmt: skip
 
 
 def main() -> None:
@@ -70,11 +74,9 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found = [
-            {"what": what} | compare(study, options.setups if what == "shipped study" else options.sample)
-            for what, study in _studies(folder)
-        ]
-        print(table(found))
+        counts = {"shipped study": options.setups}
+        rows = ([what, *compare(study, counts.get(what, options.sample))] for what, study in _studies(folder))
+        print(markdown(HEADS, rows))
         if options.large:
             study = _shipped_study(folder)
             lap = replace(study.drives[0], stop=4.0)
@@ -127,12 +129,12 @@ def _hysteresis(folder: Path) -> Build:
     return Build(build([folder / "hysteresis.json"], folder / "laws")[0].path)
 
 
-def compare(study: Study, setups: int) -> Row:
-    """Return costs and errors of random setups of a study, and how many of them run on the machine."""
+def compare(study: Study, setups: int) -> list[str]:
+    """Return costs and errors of random setups of a study as cells; a note if they cannot run on the machine."""
     evaluator = Evaluator(study)
     coupling = coupling_for(evaluator)
     if coupling.machine is None:
-        return {"note": coupling.notes[-1]}
+        return [coupling.notes[-1]]
     indices = np.random.default_rng(1).permutation(study.space.indices)[:setups]
     chosen = [study.space.setup(int(index)) for index in indices]
     machine, single = (found := with_rounding(evaluator, coupling)).machine, found.in_single()
@@ -142,37 +144,29 @@ def compare(study: Study, setups: int) -> Row:
     turns = []
     for first in range(0, len(chosen), TURN):
         several = chosen[first : first + TURN]
-        began = time.process_time()
-        evaluator.rows(several, coupling)
-        double = time.process_time()
-        evaluator.rows(several, single)
-        middle = time.process_time()
+        clock = [time.process_time()]
+        for own in (coupling, single):
+            evaluator.rows(several, own)
+            clock.append(time.process_time())
         for setup in several[:CHECKED]:
             evaluator.row(setup, THROUGH_FMUS)
-        end = time.process_time()
-        counts = (len(several), len(several), len(several[:CHECKED]))
-        turns.append(np.diff([began, double, middle, end]) / counts)
+        clock.append(time.process_time())
+        turns.append(np.diff(clock) / (len(several), len(several), len(several[:CHECKED])))
     own, half, fmu = 1e3 * np.array(turns).T
-    return {
-        "step_ms": 1e3 * machine.step,
-        "setups": len(chosen),
-        "machine_ms": float(np.median(own)),
-        "single_ms": float(np.median(half)),
-        "fmu_ms": float(np.median(fmu)),
-        "ratio": float(np.median(fmu / own)),
-        "errors": _errors(evaluator, machine, chosen[:8]),
-        "difference": max(check.difference for check in machine.checks),
-        "rounding": "" if machine.rounding is None else f"{machine.rounding.percent:.2g}",
-    }
+    times = f"{np.median(own):.2f}", f"{np.median(half):.2f}", f"{np.median(fmu):.1f}", f"{np.median(fmu / own):.0f}"
+    errors = (f"{error:.3f}" if error > 0.0 else "" for error in _errors(evaluator, machine, chosen[:8]))
+    apart = f"{max(check.difference for check in machine.checks):.2g}"
+    rounding = "" if machine.rounding is None else f"{machine.rounding.percent:.2g}"
+    return [f"{1e3 * machine.step:.3g}", str(len(chosen)), *times, *errors, apart, rounding]
 
 
-def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any]) -> dict[str, float]:
-    """Return the largest error of each kind of channel [%]."""
+def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any]) -> Iterable[float]:
+    """Return the largest error of each kind of output [%]; 0 for kinds that the vehicle does not have."""
     study = evaluator.study
-    names = [n for n in evaluator.fmus[str(study.vehicle.fmu)].variables if n.rpartition(".")[2] in _KINDS]
+    names = [n for n in evaluator.fmus[str(study.vehicle.fmu)].variables if n.rpartition(".")[2] in KINDS]
     recorded = [f"{study.vehicle.name}.{name}" for name in names]
     runs = [Batches(evaluator, step, recorded, measured=False) for step in (machine.step, machine.step / 16.0)]
-    worst = dict.fromkeys(_KINDS, 0.0)
+    worst = dict.fromkeys(KINDS, 0.0)
     for (_, coarse, _), (_, fine, _) in zip(*(batches.runs(setups) for batches in runs), strict=True):
         for drive in study.drives:
             first, second = (
@@ -181,11 +175,7 @@ def _errors(evaluator: Evaluator, machine: MachineCoupling, setups: Sequence[Any
             for name, error in difference(first, second).items():
                 kind = name.rpartition(".")[2]
                 worst[kind] = max(worst[kind], error)
-    return {kind: error for kind, error in worst.items() if error > 0.0}
-
-
-#: Kinds of outputs of a vehicle whose errors are stated.
-_KINDS = ("tire_force", "velocity", "hub_acceleration")
+    return worst.values()
 
 
 def _many(study: Study, builds: int, count: int, *, single: bool) -> str:
@@ -199,30 +189,12 @@ def _many(study: Study, builds: int, count: int, *, single: bool) -> str:
     space = replace(study, bank=bank, corners=dict.fromkeys(CORNERS, tuple(bank)), baseline={})
     batches = Batches(Evaluator(space), THROUGH_MACHINE, single=single)
     indices = range(count) if count == builds**4 else rng.integers(0, builds**4, count)
-    before = resource.getrusage(resource.RUSAGE_SELF)
+    began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     done = sum(runs is not None for _, runs, _ in batches.runs(space.space.setup(int(k)) for k in indices))
-    after = resource.getrusage(resource.RUSAGE_SELF)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    grown = (after.ru_maxrss - before.ru_maxrss) / 1024.0
-    stop = study.drives[0].stop
-    what = f"{done} of {count} setups x {stop:g} s in {'single' if single else 'double'} precision"
+    seconds = time.process_time() - began
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0
+    what = f"{done} of {count} setups x {study.drives[0].stop:g} s in {'single' if single else 'double'} precision"
     return f"{what}: {seconds:.0f} s of processor time, {grown:.0f} MB more memory"
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Return the rows as Markdown."""
-    heads = ("what", "step [ms]", "setups", "double [ms]", "single [ms]", "FMUs [ms]", "ratio", "tire", "velocity",
-             "hub", "from FMUs [%]", "single from double [%]")  # fmt: skip
-    cells = []
-    for r in rows:
-        if "note" in r:
-            cells.append([r["what"], r["note"]])
-            continue
-        errors = (f"{r['errors'][kind]:.3f}" if kind in r["errors"] else "" for kind in _KINDS)
-        cells.append([r["what"], f"{r['step_ms']:.3g}", str(r["setups"]), f"{r['machine_ms']:.2f}",
-                      f"{r['single_ms']:.2f}", f"{r['fmu_ms']:.1f}", f"{r['ratio']:.0f}", *errors,
-                      f"{r['difference']:.2g}", r["rounding"]])  # fmt: skip
-    return markdown(heads, cells)
 
 
 def _shipped_study(folder: Path) -> Study:

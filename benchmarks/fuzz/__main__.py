@@ -65,13 +65,7 @@ class Tally:
 
 
 def run_campaign(
-    chosen: Sequence[Reader],
-    *,
-    mutants: int,
-    seed: int,
-    samples: Path,
-    workers: int = 1,
-    together: bool = False,
+    chosen: Sequence[Reader], *, mutants: int, seed: int, samples: Path, workers: int = 1, together: bool = False
 ) -> list[Tally]:
     """Try mutants on readers.
 

@@ -71,21 +71,17 @@ def _record(path: Path) -> Any:
 
 
 def _words(path: Path) -> Any:
-    """Read a record with options of `inspect` from a file, a word on each line."""
-    ran = CliRunner().invoke(main, ["inspect", str(path.with_name("record.csv")), *_text(path).split("\n")])
+    """Read a record with options of `inspect` from a file, a word on each line, as a command line can contain them."""
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace").replace("\0", "")
+    except OSError as error:
+        raise InputError(f"{path}: {error}") from error
+    ran = CliRunner().invoke(main, ["inspect", str(path.with_name("record.csv")), *text.split("\n")])
     if ran.exception is not None and not isinstance(ran.exception, SystemExit):
         raise ran.exception
     if ran.exit_code == 2:
         raise InputError(f"{path}: {ran.output}")
     return ran.output
-
-
-def _text(path: Path) -> str:
-    """Return a text as a command line can contain it: without NUL, and in the encoding of the process."""
-    try:
-        return path.read_text(encoding="utf-8", errors="replace").replace("\0", "")
-    except OSError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _map(path: Path) -> Any:
@@ -156,16 +152,13 @@ def _sound_result(folder: Path) -> Any:
     return resolve_name("cosim.study.table:StudyResult").load(folder / "results.parquet")
 
 
-def _selection(path: Path) -> Any:
-    return resolve_name("cosim.study.choice.rig_day:read_selection")(path, _sound_result(path.parent))
+def _of_result(name: str) -> Callable[[Path], Any]:
+    """Return a function of the packages for choices that reads a file beside the results of a study."""
+    return lambda path: resolve_name(f"cosim.study.choice.{name}")(path, _sound_result(path.parent))
 
 
 def _run_list(path: Path) -> Any:
     return resolve_name("cosim.study.choice.rig_day:read_run_list")(path, _sound_result(path.parent).study)
-
-
-def _uncertainty(path: Path) -> Any:
-    return resolve_name("cosim.study.choice.robust:read_uncertainty")(path, _sound_result(path.parent))
 
 
 def _result(path: Path) -> Any:
@@ -245,9 +238,9 @@ def readers() -> tuple[Reader, ...]:
         Reader("study file", "study.toml", _study, _TOML, 1.5),
         Reader("study results", "results.parquet", _results, (*BINARY, *(damage.change_parquet,) * 8), 1.5),
         Reader("certainty", "certainty.parquet", "cosim.study.choice.certainty:read_certainty", _PARQUET),
-        Reader("selection", "selection.csv", _selection, TEXT),
+        Reader("selection", "selection.csv", _of_result("rig_day:read_selection"), TEXT),
         Reader("list of runs", "selection.csv", _run_list, TEXT),
-        Reader("uncertainty file", "uncertain.toml", _uncertainty, _TOML),
+        Reader("uncertainty file", "uncertain.toml", _of_result("robust:read_uncertainty"), _TOML),
         Reader("comparison", "comparison.json", "cosim.study.choice.compare:read_run_to_run", _JSON),
         Reader("result of a run", "run/result.json", _result, _JSON),
         Reader("chunk of a study", f"{chunks}/chunk_0000000_3.parquet", _chunks, BINARY, 0.5),

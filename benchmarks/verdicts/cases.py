@@ -182,9 +182,8 @@ def measured(folder: Path) -> Iterator[Case]:
             end = run.series.duration
             thirds = [part(run, *ends) for ends in ((0.0, end / 1.5), (end / 1.5, end))]
             others = {other: one for other, one in runs.items() if other != name}
-            yield Case(
-                f"{name}, its first two thirds", (thirds[0],), {LAST_THIRD: thirds[1]} | others, is_measured=True
-            )
+            held_out = {LAST_THIRD: thirds[1]} | others
+            yield Case(f"{name}, its first two thirds", (thirds[0],), held_out, is_measured=True)
             if len(others) > 1:
                 yield Case(f"{damper.name}, all but {name}", tuple(others.values()), {name: run}, is_measured=True)
 
