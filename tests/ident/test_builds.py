@@ -44,6 +44,16 @@ def test_the_spread_between_builds_is_that_of_their_curves(tests):
     assert spread.deviation[fast] == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.nightly
+def test_the_recipe_of_the_dissertation_states_the_spread_between_builds_fitted_with_it(tests):
+    spread = fit_shock(tests[:4], "lpf1", recipe="boggs").between_builds
+    assert spread.builds == ("a", "b")
+    for build, force, own in zip("ab", spread.force, (tests[:2], tests[2:4]), strict=True):
+        curve = fit_shock(own, "lpf1", recipe="boggs").shock.law.curve
+        expected = [curve.force(v) for v in spread.velocity.tolist()]
+        assert force == pytest.approx(expected, abs=1e-3 * np.ptp(expected)), build
+
+
 def test_builds_that_do_not_differ_have_almost_no_spread():
     same = [record(law(), k, build) for k, build in enumerate("ab")]
     spread = fit_shock(same, "lpf1").between_builds

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eightpost.errors import FileFormatError, MissingChannelError
+from eightpost.errors import EightpostError, FileFormatError, MissingChannelError
 from eightpost.rig import read_dyno_test, read_dyno_tests
 from eightpost.signals import read_record, read_records
 
@@ -216,6 +216,32 @@ def test_a_segment_without_names_is_refused(tmp_path):
     lines = [line for line in segment(CHANNELS, "One") if not line.startswith("X_Value")]
     with pytest.raises(FileFormatError, match="no line `X_Value`"):
         read_records(lvm(tmp_path / "run.lvm", lines))
+
+
+SMALL = [(name, unit, times[:20], values[:20]) for name, unit, times, values in CHANNELS]
+INSERTED = [b"\t", b"\r\n", b"\r\n\r\n", b"-", b"1e999", b"NaN", b"Channels\t2\t\r\n", b"X_Value\t",
+            b"***End_of_Header***"]  # fmt: skip
+
+
+@pytest.mark.nightly
+@settings(max_examples=150, deadline=None)
+@given(
+    x_columns=st.sampled_from(["One", "Multi", "No"]),
+    damages=st.lists(
+        st.tuples(st.floats(0.0, 0.999), st.integers(0, 40), st.sampled_from([b"", *INSERTED])), min_size=1, max_size=3
+    ),
+)
+def test_a_damaged_file_is_read_or_refused_with_its_name(tmp_path_factory, x_columns, damages):
+    path = lvm(tmp_path_factory.getbasetemp() / "damaged.lvm", segment(SMALL, x_columns), x_columns=x_columns)
+    content = path.read_bytes()
+    for share, removed, inserted in damages:
+        place = int(share * len(content))
+        content = content[:place] + inserted + content[place + removed :]
+    path.write_bytes(content)
+    try:
+        read_records(path)
+    except EightpostError as error:
+        assert "damaged.lvm" in str(error)
 
 
 @pytest.mark.parametrize("stated", ["One", "Multi"])

@@ -180,7 +180,8 @@ def test_an_error_over_the_limit_exits_1_and_is_named(run):
         (("lpf1.json", "data", "--kind", "run9=sine"), "run9"),
         (("lpf1.json", "data/random.csv", "--kind", "sine"), "no single frequency"),
         (("lpf1.json", "data", "--report", "page.pdf"), "page.html"),
-        (("lpf1.json", "data", "--units", "force"), "CHANNEL=UNIT"),
+        (("lpf1.json", "data", "--channel", "force=[]"), "there is no column '[]'"),
+        (("lpf1.json", "data/random.csv", "--set", "segment=900 s, 901 s"), "is not within it"),
     ],
 )
 def test_wrong_input_exits_2_with_a_message_and_writes_nothing(run, folder, words, message):

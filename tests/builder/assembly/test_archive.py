@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fmpy import extract
+from fmpy import extract, simulate_fmu
 from fmpy.fmi2 import FMU2Model
 from fmpy.model_description import read_model_description
 
@@ -25,7 +25,7 @@ from eightpost.archive import read_archive
 from eightpost.errors import InputError
 from tests.builder.documents.members import kept_of
 
-from .hosts import CORNERS, difference, host, master, observed, percent, replayed
+from .hosts import CORNERS, corner_file, difference, host, master, observed, percent, replayed
 
 #: Groups of every day: those that an assembly does not share with its parts.
 DAILY = ("static", "tools", "simulation", "state", "initial_dependencies", "dependencies", "reference")
@@ -190,9 +190,25 @@ def test_the_command_reports_the_assembled_parts(system_file, tmp_path):
     assert output.is_file()
 
 
+@pytest.mark.nightly
+def test_an_assembly_of_fmi_3_breaks_no_rule_and_has_the_results_of_that_of_fmi_2(corner, fmus, tmp_path):
+    path = corner_file(tmp_path / "corner.toml", fmus["quarter_car"], fmus["lpnl2"])
+    output = tmp_path / "corner_with_damper.fmu"
+    ran = CliRunner().invoke(command, [str(path), "--fmi", "3", "-o", str(output)])
+    assert ran.exit_code == 0, ran.output
+    report = check(output, groups=("static", "tools", "simulation", "version_3"))
+    assert report.of(Level.ERROR) == () and report.identity["fmiVersion"] == "3.0"
+    start = {"corner.aero_force": 1000.0, "corner.start_at_equilibrium": False}
+    old, new = (
+        simulate_fmu(str(one), stop_time=0.05, output_interval=1e-3, start_values=start) for one in (corner, output)
+    )
+    assert np.ptp(new["damper.force"]) > 0.1 and new.tolist() == old.tolist()
+
+
 def test_the_command_takes_a_system_file_or_sources(system_file):
-    both = CliRunner().invoke(command, [str(system_file), "shock.json"])
-    assert both.exit_code == 2 and "omit other SOURCES" in both.output
+    for more in (["shock.json"], ["--fmi", "all"]):
+        both = CliRunner().invoke(command, [str(system_file), *more])
+        assert both.exit_code == 2 and "omit other SOURCES" in both.output
     neither = CliRunner().invoke(command, [])
     assert neither.exit_code == 2 and "Missing argument" in neither.output
 

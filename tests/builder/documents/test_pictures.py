@@ -1,6 +1,7 @@
 """The picture and the icon."""
 
 import io
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from PIL import Image
 
 from builder import page
-from builder.product import vehicle_product
+from builder.product import shock_product, vehicle_product
 from eightpost.vehicle import Channel, IdentifiedVehicle, StateSpace
 
 from .members import ALL, PICTURE, members_of
@@ -33,6 +34,17 @@ def test_picture_and_icon_have_the_right_size_many_colours_and_no_software_metad
         assert set(image.info) <= {"dpi"}
         colours = np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)
         assert len(colours) > 20
+
+
+@pytest.mark.nightly
+def test_the_picture_shows_the_shocks_own_curve(shocks):
+    """The gas force is not drawn."""
+    shock = shocks["polylinear"]
+    own, stiffer, gassed = (
+        members_of(shock_product(replace(shock, law=replace(shock.law, port=replace(shock.law.port, **port))), "x"))
+        for port in ({}, {"compression_scale": 2.0}, {"gas_preload": 400.0})
+    )
+    assert own[PICTURE] == gassed[PICTURE] != stiffer[PICTURE]
 
 
 def test_a_model_without_roads_and_tires_has_a_picture():

@@ -58,6 +58,17 @@ def test_rubber_in_series_with_the_shock_is_represented_by_lags_of_its_force(qua
     assert errors[0] > 0.04 and errors[1] < 0.015
 
 
+@pytest.mark.nightly
+def test_no_pole_is_far_above_the_band_however_well_it_would_imitate_the_response(seven_dof):
+    """A car with a lag of 200 Hz in its accelerometers: in the band of 20 Hz, a fast pole would explain it."""
+    response = noisy(seven_dof, 2e-3, 5)
+    lag = 1.0 / (1.0 + 1j * FREQUENCY / 200.0)
+    late = np.array([name.endswith("acceleration") for name in response.output_names])
+    delayed = replace(response, H=np.where(late[:, None, None], response.H * lag, response.H))
+    found = CommonPoleFit(high=HIGH, max_states=20, order=20, lags=False).fit(delayed)
+    assert np.abs(found.model.poles()).max() <= 1.001 * FASTEST * 2.0 * np.pi * HIGH
+
+
 @given(w=st.floats(1.0, 1e4), zeta=st.floats(1e-5, 1e4))
 def test_the_faster_pole_of_a_block_is_limited_too(w, zeta):
     fastest = 100.0

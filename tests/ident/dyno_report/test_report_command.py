@@ -9,11 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from eightpost.__main__ import main
-from eightpost.ident.dyno_report.builds import Reading, read_entries
+from eightpost.ident.dyno_report.builds import Reading, dyno_report, read_entries
 from eightpost.ident.dyno_report.cycles import crossings_of
-from eightpost.ident.dyno_report.page import explained
+from eightpost.ident.dyno_report.entry import entry_of_test
+from eightpost.ident.dyno_report.page import explained, sections_of
+from eightpost.rig import DynoTest
+from eightpost.signals import TimeSeries
 
 ROOT = Path(__file__).parents[3]
 DATA, BANK = ROOT / "examples" / "data", sorted((ROOT / "examples" / "bank").glob("*.json"))
@@ -113,6 +118,28 @@ def test_names_are_escaped(tmp_path):
     assert done.exit_code == 0, done.output
     html = page.read_text(encoding="utf-8")
     assert "<b>x" not in html and "a &lt; b" in html
+
+
+MOTIONS = {
+    "noise": lambda random, time: 0.01 * random.normal(size=time.size),
+    "walk": lambda random, time: 0.001 * np.cumsum(random.normal(size=time.size)),
+    "one way": lambda _random, time: 0.01 * time + 1e-5 * time**2,
+    "steps": lambda random, time: np.repeat(0.01 * random.normal(size=time.size // 100 + 1), 100)[: time.size],
+    "triangle": lambda _random, time: 0.02 * np.arcsin(np.sin(2.0 * np.pi * time)),
+}
+
+
+@pytest.mark.nightly
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10**6), st.sampled_from(sorted(MOTIONS)), st.booleans(), st.integers(200, 2000))
+def test_every_motion_has_a_page_whose_figures_are_finite_or_unknown(seed, motion, has_displacement, count):
+    random, time = np.random.default_rng(seed), np.arange(count) / 500.0
+    path = MOTIONS[motion](random, time)
+    velocity = np.gradient(path, time)
+    channels = {"velocity": ("m/s", velocity), "force": ("N", 2e3 * velocity + random.normal(size=count))}
+    channels |= {"displacement": ("m", path)} if has_displacement else {}
+    entry = entry_of_test(DynoTest(TimeSeries.from_channels(time, channels)), "run", "A")
+    assert not re.search(r"\b(nan|inf)\b", "".join(map(str, sections_of(dyno_report([entry])))))
 
 
 def test_the_energy_of_a_measured_cycle_is_the_area_of_its_loop():
