@@ -205,7 +205,7 @@ class OrderStudy:
 
     @property
     def sufficient(self) -> int:
-        """The smallest order with a misfit like that of the order with the minimum description length.
+        """The smallest order that explains the response, or is like the one with the minimum description length.
 
             N log(cost / N) + parameters log N
 
@@ -214,8 +214,8 @@ class OrderStudy:
         """
         N = float(self.samples)
         length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
-        best = self.costs[int(np.argmin(length))]
-        return self.orders[int(np.flatnonzero(self.costs <= _ALIKE**2 * best)[0])]
+        enough = max(_ALIKE**2 * self.costs[int(np.argmin(length))], _EXPLAINED**2 * N / 2.0)
+        return self.orders[int(np.flatnonzero(self.costs <= enough)[0])]
 
     @property
     def candidates(self) -> tuple[OrderCandidate, ...]:
