@@ -1,4 +1,4 @@
-"""Export of a coupled system as an SSP 1.0 package for other tools (libcosim and ecos: tests/hosts/test_packages.py).
+"""Export of a coupled system as an SSP 1.0 package for other tools (tests/builder/test_ssp.py).
 
 The package contains SystemStructure.ssd (components, connections, units), resources/*.fmu, and for each component
 resources/<component>.ssv with the values of its tunable parameters. To change a shock's setup, change only its .ssv

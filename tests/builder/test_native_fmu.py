@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 
@@ -29,6 +30,7 @@ from builder.toolchain import (
     this_platform,
     universal,
 )
+from eightpost.__main__ import main
 from eightpost.archive import extract_archive, read_archive, write_archive
 from eightpost.errors import FmuError
 from eightpost.shock import LAWS, Shock, write_shock
@@ -127,6 +129,17 @@ def test_a_confidential_fmu_gives_the_same_output_as_the_open_one(shocks, fmus, 
         for path in (fmus["lpnl2"], built.path)
     ]
     assert found[0].tobytes() == found[1].tobytes()
+
+
+@pytest.mark.nightly
+def test_without_zig_the_build_is_for_this_platform_and_reports_that(shocks, tmp_path, monkeypatch):
+    system = SystemCompiler(shutil.which("cc") or pytest.skip("no system compiler"))
+    monkeypatch.setattr("builder.build.find_toolchain", lambda: system)
+    write_shock(shocks["lpf1"], tmp_path / "front.json")
+    done = CliRunner().invoke(main, ["build", str(tmp_path / "front.json"), "-o", str(tmp_path)])
+    assert f"built for {this_platform().name} only" in " ".join(done.output.split())
+    assert [m for m in read_archive(tmp_path / "front.fmu") if "binaries/" in m] == [this_platform().member("front")]
+    assert len(simulate_fmu(str(tmp_path / "front.fmu"), stop_time=0.01, output_interval=1e-3)) == 11
 
 
 @pytest.mark.slow

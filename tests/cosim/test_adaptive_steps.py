@@ -1,11 +1,13 @@
 """Error-controlled step sizes, on a mass with a spring and damper."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cosim import Adaptive, Bond, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from cosim.engine import march
 from cosim.session import run as run_module
 from eightpost.errors import StepError
 from eightpost.signals import Drivefile, TimeSeries
@@ -124,3 +126,11 @@ def test_a_retried_step_is_not_counted_as_not_converged(quarter_cars: Any, bumps
     assert result.rejected_steps > 0
     assert result.converged
     assert result.notes == ()
+
+
+def test_a_value_that_is_no_number_makes_the_error_of_a_step_no_number() -> None:
+    """Otherwise a step whose halves give no number would be accepted."""
+    control = march.Control(np.array([0, 1]), np.full(2, 0.01), 1e-3, 1, 1e-4, 0.5)
+    for values in ([np.nan, -4.07], [9.1, np.nan]):
+        found = march._difference(SimpleNamespace(now=np.array([9.0, -4.0])), np.array(values), control, np.zeros(2))
+        assert np.isnan(found)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, Automatic, Bond, Capabilities, GaussSeidel, Implicit, Jacobi, Result, Scenario, System, run
+from cosim.engine import sweep
 from cosim.engine.sweep import _invert, _on_parabola, step_from
 from cosim.systems.algorithm import VALUES
 from eightpost.errors import WiringError
@@ -243,3 +244,10 @@ def test_a_scheme_and_a_run_refuse_a_wrong_argument_with_what_to_write(parts: An
     }  # fmt: skip
     calls |= {f"run {k}": partial(run, System(parts()), Scenario(0.1), **one) for k, one in enumerate(given)}
     unchanged(refusals(calls))
+
+
+@pytest.mark.parametrize(("status", "refused"), [(0, 0), (1, 0), (2, 1), (3, 1), (4, 1), (-1, 1)])
+def test_a_warning_is_no_failure(status: int, refused: int) -> None:
+    m = SimpleNamespace(failure=np.zeros(3))
+    assert sweep.failed(m, status, 5, 7) == refused
+    assert m.failure.tolist() == ([status, 5, 7] if refused else [0, 0, 0])

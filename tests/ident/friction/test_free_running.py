@@ -13,10 +13,11 @@ from eightpost.ident.vehicle.port_search import FrictionSearch
 from eightpost.ident.vehicle.simulation import fault_in_simulation, free_running, with_dampers
 from eightpost.shock import Polylinear, StaticCurve
 from eightpost.signals import TimeSeries
+from eightpost.units import convert
 from eightpost.vehicle import Bristle, Friction, IdentifiedVehicle, add_port_damping, read_vehicle, shipped
 from eightpost.virtual import NO_DRIFT, LinearDamper, RigSensors, random_drive, run_test
 
-from .conftest import BASELINE, COULOMB, rubbing_car
+from .conftest import BASELINE, COULOMB, rig_tests, rubbing_car
 
 BAND = (0.5, 15.0)
 
@@ -133,6 +134,13 @@ def test_laws_at_the_ports_give_the_levels_of_the_rig_only_with_friction(fit, un
     assert max(one.error for one in case.judged) < 0.1
     names = {one.name for one in case.judged}
     assert max(abs(one.level) for one in case.without_friction if one.name in names) > 0.03
+
+
+@pytest.mark.nightly
+def test_springs_of_the_tests_are_springs_of_the_car(experiment):
+    found = CommonPoles(samples=0).identify(rig_tests(0.0, 40, progression=2.0), experiment)
+    assert found.vehicle.friction[""].spring == pytest.approx(2.0 * convert(1280.0, "lbf/in", "N/m"), rel=0.1)
+    assert "port springs" in found.trust.flags
 
 
 def test_a_wrong_law_at_the_port_gives_wrong_levels(fit, unseen):
