@@ -88,17 +88,8 @@ def test_decisions_are_printed(done):
 @pytest.mark.nightly
 def test_a_preparation_file_replaces_rate_and_settling(files, tmp_path):
     (tmp_path / "prep.toml").write_text('rate = "62.5 Hz"\nsettling = "4 s"\n')
-    result = _identify(
-        *files,
-        "--preparation",
-        tmp_path / "prep.toml",
-        "--plot",
-        "none",
-        "--recipe",
-        "boggs",
-        "-o",
-        tmp_path / "c.json",
-    )
+    options = ("--plot", "none", "--set", "recipe=boggs", "-v", "-o", tmp_path / "c.json")
+    result = _identify(*files, "--preparation", tmp_path / "prep.toml", *options)
     assert result.exit_code in (0, 1), result.output
     assert "decimated to 62.5 Hz" in " ".join(result.output.split())
 

@@ -205,7 +205,7 @@ class OrderStudy:
 
     @property
     def sufficient(self) -> int:
-        """The smallest order that explains the response, or is like the one with the minimum description length.
+        """The smallest order with a misfit like that of the order with the minimum description length.
 
             N log(cost / N) + parameters log N
 
@@ -214,8 +214,8 @@ class OrderStudy:
         """
         N = float(self.samples)
         length = N * np.log(np.maximum(self.costs, 1e-300) / N) + self.parameters * np.log(N)
-        enough = max(_ALIKE**2 * self.costs[int(np.argmin(length))], _EXPLAINED**2 * N / 2.0)
-        return self.orders[int(np.flatnonzero(self.costs <= enough)[0])]
+        best = self.costs[int(np.argmin(length))]
+        return self.orders[int(np.flatnonzero(self.costs <= _ALIKE**2 * best)[0])]
 
     @property
     def candidates(self) -> tuple[OrderCandidate, ...]:
@@ -320,13 +320,17 @@ class CommonPoleFit:
         for through in parts(self._forms(joined.output_names, joined.input_names)):
             low = tried[0][0].study.suggested - _FEWER if tried else 2
             study = _study_orders(fewer, subspace, through, tuple(range(max(low, 2), self.max_states + 1, 2)))
-            order = self.order or (study.sufficient if tried else study.suggested)
-            start, mirrored = _start(points, subspace, order, through)
-            model = self._without_fast_blocks(fewer, start.blocks, through)
+            orders = (study.suggested, study.sufficient) if tried else (study.suggested,)
+            for order in (self.order,) if self.order else dict.fromkeys(orders):
+                start, mirrored = _start(points, subspace, order, through)
+                model = self._without_fast_blocks(fewer, start.blocks, through)
+                explains = np.sqrt(model.solution.cost / fewer.known.sum()) < _EXPLAINED
+                if explains:
+                    break
             if not tried or _ALIKE**2 * model.solution.cost < tried[-1][1].solution.cost:
                 first = _Start(study, mirrored, start.cost, start.blocks.states, self.order is not None)
                 tried.append((first, model))
-            if np.sqrt(model.solution.cost / fewer.known.sum()) < _EXPLAINED:
+            if explains:
                 break
         first, chosen = tried[-1]
         refined = self._without_fast_blocks(points, chosen.solution.blocks, chosen.solution.through)

@@ -140,7 +140,7 @@ def test_damped_tires_are_modelled_by_lags_of_the_roads(quarter_car):
     H = exact.H.copy()
     H[:, exact.input_names.index("road")] *= 1.0 + 0.00125 * 2j * np.pi * FREQUENCY
     damped = exact.with_response(H)
-    with_lags, without = (CommonPoleFit(high=15.0, floor=5e-4, lags=lags).fit(damped) for lags in (True, False))
+    with_lags, without = (CommonPoleFit(high=15.0, lags=lags).fit(damped) for lags in (True, False))
     assert (with_lags.order, len(with_lags.model.A)) == (4, 5)
     assert any("lag" in note for note in with_lags.notes)
     assert max(with_lags.residual.values()) < 1.5e-3

@@ -44,7 +44,7 @@ def test_a_port_has_the_velocity_of_a_smooth_law_and_the_reach_of_a_bristle() ->
     assert lr == ("lr", 1.0, 1.0, "none", none, none, none, none)
 
 
-@pytest.mark.parametrize(("is_clear", "why"), [(True, "a clear gap"), (False, "the description length")])
+@pytest.mark.parametrize(("is_clear", "why"), [(True, "a clear gap"), (False, "their misfit")])
 def test_the_stabilisation_diagram_has_the_poles_and_gaps_of_each_order(is_clear: bool, why: str) -> None:
     """Poles beyond 1.2 times the highest frequency of the fit are not drawn."""
     tried = (
