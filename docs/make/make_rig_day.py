@@ -121,7 +121,7 @@ def _fit_bank(bank: Path) -> None:
                      "-o", test)  # fmt: skip
         if not (bank / f"{name}.json").exists():
             # The car's static loads and ride heights already include the gas force.
-            call("fit", *tests, "--gas", "included", "--name", f"build {build}", "-o", bank / f"{name}.json")
+            call("fit", *tests, "--gas", "included", "--set", f"name=build {build}", "-o", bank / f"{name}.json")
 
 
 def _predict(folder: Path, bank: Path, workers: int | None) -> None:
