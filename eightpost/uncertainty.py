@@ -208,9 +208,13 @@ def _drive_distance(first: Sequence[float], second: Sequence[float]) -> float:
 
 
 def unseen(first: Sequence[float], second: Sequence[float]) -> float:
-    """Return the share of the power on a drive that lies above all bands that are not empty in records."""
+    """Return the share of the power on a drive that lies above all bands that are not empty in records.
+
+    It counts in proportion to what a band lacks of not being empty.
+    """
     highest = max(k for k, share in enumerate(second) if share >= EMPTY)
-    return sum(first[highest + 1 :])
+    above = zip(first[highest + 1 :], second[highest + 1 :], strict=True)
+    return sum(power * (1.0 - share / EMPTY) for power, share in above)
 
 
 def local_features(positions: Array) -> Array:

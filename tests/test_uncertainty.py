@@ -18,6 +18,7 @@ from eightpost.errors import InputError
 from eightpost.shock import read_shock
 from eightpost.uncertainty import (
     BLOCKS,
+    LIMITS,
     FittedParameter,
     LeftOutBlocks,
     MeasuredLevel,
@@ -234,6 +235,13 @@ def test_the_uncertainty_of_a_measure_is_the_same_on_every_drive(unchanged: Call
     found["unseen"] = [unseen(first, second) for first in SHARES for second in SHARES]
     found["distance"] = setup_distance({"a": 1.0, "b": 2.0}, {"a": 1.1, "b": 1.7})
     unchanged(found)
+
+
+@pytest.mark.parametrize(("share", "counted"), [(0.0, 1.0), (0.001, 0.8), (0.004, 0.2), (0.005, 0.0)])
+def test_power_above_the_tests_counts_by_what_its_band_lacks_there(share: float, counted: float) -> None:
+    tests, drive = np.zeros(len(LIMITS) + 1), np.zeros(len(LIMITS) + 1)
+    tests[[3, 7]], drive[[3, 7]] = (1.0 - share, share), (0.9, 0.1)
+    assert unseen(drive, tests) == pytest.approx(0.1 * counted)
 
 
 def test_products_of_the_features_of_setups_are_the_same(unchanged: Callable[..., None]) -> None:
