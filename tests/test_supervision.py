@@ -12,9 +12,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+import arro3.core as arrow
 import psutil
 import pytest
 
+from eightpost.signals.parquet_file import write_arrow
 from eightpost.workers import supervision
 from eightpost.workers.process import ROOT
 from eightpost.workers.supervision import SIZE, Record
@@ -63,7 +65,7 @@ def test_long_texts_of_a_record_are_cut_and_leave_the_others_as_they_are(record:
         with record.calling(f"component {long}", "step"):
             assert record.called == (f"component {long}"[:959], "")
             assert record.is_calling
-    assert (len(record.folder), len(record.remains)) == (1023, 2047)
+    assert (len(record.folder), len(record.remains)) == (1023, 1023)
     assert record.folder.startswith("folder x") and record.remains.startswith("remains x")
     assert record.code == 7 and not record.is_calling
 
@@ -115,6 +117,30 @@ def test_a_command_that_does_not_complete_never_ends_with_0(work: str, how: str)
     code, _, errors = ended(work)
     assert (code, "'odd'" in errors) == (1, False)
     assert f"the process of this command ended {how} before the command was complete" in errors
+
+
+def test_a_file_whose_library_ends_the_process_is_named_while_it_is_read_and_the_exit_code_is_2() -> None:
+    code, _, errors = ended("with supervision.reading('odd.parquet'): os.abort()")
+    assert (code, errors.startswith("odd.parquet: damaged")) == (2, True)
+    code, _, errors = ended("try:\n with supervision.reading('odd.parquet'): 1 / 0\nexcept ArithmeticError: os.abort()")
+    assert (code, "odd.parquet" in errors) == (1, False)
+
+
+def test_a_parquet_file_whose_page_ends_the_process_is_named_without_the_words_of_the_library(tmp_path: Path) -> None:
+    write_arrow(arrow.Table.from_pydict({"a": arrow.Array([1.0], arrow.DataType.float64())}), tmp_path / "odd.parquet")
+    work = f"""
+import arro3.io
+from eightpost.signals.parquet_file import read_table
+class Reader:
+    schema = ()
+    def __next__(self):
+        os.write(2, b"panic")
+        os.abort()
+arro3.io.read_parquet = lambda *given, **options: Reader()
+read_table({str(tmp_path / "odd.parquet")!r})
+"""
+    code, _, errors = ended(work)
+    assert (code, errors.startswith(f"{tmp_path}/odd.parquet: damaged")) == (2, True)
 
 
 @pytest.mark.parametrize(

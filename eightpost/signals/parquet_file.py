@@ -26,6 +26,7 @@ from eightpost.files import atomic_path, check_schema, parse_json, reading
 from eightpost.signals.faults import Origin
 from eightpost.signals.raw_record import IN_MEMORY, Blocks, RawRecord
 from eightpost.signals.table_text import named_with_unit
+from eightpost.workers import supervision
 
 if TYPE_CHECKING:
     from eightpost.signals.timeseries import TimeSeries
@@ -210,7 +211,11 @@ def read_metadata(path: str | Path) -> dict[bytes, bytes]:
 
 def _batches(reader: arrow.RecordBatchReader, path: Path) -> Iterator[arrow.RecordBatch]:
     rows, width, most = 0, len(reader.schema), max(MOST_CELLS, path.stat().st_size)
-    for batch in reader:
+    while True:
+        with _SILENCE, _silent(), supervision.reading(str(path)):  # a damaged page ends the process
+            batch = next(reader, None)
+        if batch is None:
+            return
         yield batch
         rows += batch.num_rows
         if rows * width > most:

@@ -44,9 +44,9 @@ SIZE = 1 << 16
 _WHO, _COUNT, _CODE, _CALLS, _PART, _CLOCK = range(6)
 _NOBODY, _PYTHON, _LOOP = range(3)
 _WORDS = 8 * 6
-#: Positions and sizes of texts: call from Python, temporary folder, what remains of earlier runs, names of the loop's
-#: parts.
-_CALL, _FOLDER, _REMAINS, _PARTS = (64, 960), (1024, 1024), (2048, 2048), (4096, SIZE - 4096)
+#: Positions and sizes of texts: call from Python, temporary folder, what remains of earlier runs, file that is being
+#: read, names of the loop's parts.
+_CALL, _FOLDER, _REMAINS, _FILE, _PARTS = (64, 960), (1024, 1024), (2048, 1024), (3072, 1024), (4096, SIZE - 4096)
 
 _ADVICE = (
     "and there is no result. Run it in its own process, where this is a failed step: --isolate, or IsolatedComponent "
@@ -144,6 +144,15 @@ class Record:
     def remains(self, text: str) -> None:
         self._write(_REMAINS, text)
 
+    @property
+    def file(self) -> str:
+        """File that is being read by a library that can end the process; empty before and after."""
+        return self._read(_FILE)
+
+    @file.setter
+    def file(self, path: str) -> None:
+        self._write(_FILE, path)
+
     def end_of_process(self) -> str:
         """Return the error for the end of this process while an FMU is called."""
         name, what = self.called
@@ -171,6 +180,18 @@ def tell(text: str) -> None:
     """Let the other process, if there is one, print a sentence if this command does not complete."""
     if record is not None:
         record.remains = text
+
+
+@contextmanager
+def reading(path: str) -> Iterator[None]:
+    """Let the other process, if there is one, name a file if the library that reads it ends this process."""
+    if record is not None:
+        record.file = path
+    try:
+        yield
+    finally:
+        if record is not None:
+            record.file = ""
 
 
 #: Record of this process, if another process reads it.
@@ -339,6 +360,9 @@ def _code(found: Record, status: int, watch: _Watch, complain: Callable[[str], N
         what = watch.hung
     elif found.is_calling:
         what = found.end_of_process()
+    elif found.file:
+        complain(f"{found.file}: damaged: the library that reads it ended this process; copy or write the file again")
+        return 2
     else:
         how = f"with code {status}" if status >= 0 else f"by signal {-status}"
         what = f"the process of this command ended {how} before the command was complete: there is no result"
