@@ -141,7 +141,7 @@ def test_the_frozen_references_of_the_page_are_those_of_its_interface():
 @pytest.mark.parametrize("platforms", ["this", pytest.param("all", marks=pytest.mark.nightly)])
 def test_the_commands_of_the_page_use_it_everywhere(copy, platforms):
     lines = [line for block in COMMANDS.findall(PAGE) for line in block.splitlines() if line.startswith("eightpost ")]
-    assert [line.split()[1] for line in lines] == ["fit", "build", "build", "check", "run", "rig"]
+    assert [line.split()[1] for line in lines] == ["fit", "build", "build", "check", "run", "virtual"]
     run(copy, "-c", CALL, platforms, *lines)
     shock = json.loads((copy / "dist" / "dyno_A.json").read_text(encoding="utf-8"))
     assert shock["law"] == "share"
