@@ -54,6 +54,19 @@ _ADVICE = (
 )
 
 
+class _Text:
+    """A text at a position of a record's memory."""
+
+    def __init__(self, *place: int) -> None:
+        self._place = place[0], place[1]
+
+    def __get__(self, of: Record, owner: type) -> str:
+        return of._read(self._place)
+
+    def __set__(self, of: Record, text: str) -> None:
+        of._write(self._place, text)
+
+
 class Record:
     """The FMU that this process is calling, in memory that another process reads.
 
@@ -126,32 +139,9 @@ class Record:
         (seconds,) = struct.unpack_from("d", self.memory, self.clock)
         return names[place] if 0 <= place < len(names) else "unknown", f" at {seconds:g} s"
 
-    @property
-    def folder(self) -> str:
-        """Folder for temporary files, which the other process removes; empty before it is created."""
-        return self._read(_FOLDER)
-
-    @folder.setter
-    def folder(self, path: str) -> None:
-        self._write(_FOLDER, path)
-
-    @property
-    def remains(self) -> str:
-        """Sentence about what remains of earlier runs if the command does not complete."""
-        return self._read(_REMAINS)
-
-    @remains.setter
-    def remains(self, text: str) -> None:
-        self._write(_REMAINS, text)
-
-    @property
-    def file(self) -> str:
-        """File that is being read by a library that can end the process; empty before and after."""
-        return self._read(_FILE)
-
-    @file.setter
-    def file(self, path: str) -> None:
-        self._write(_FILE, path)
+    folder = _Text(*_FOLDER)  #: Folder for temporary files, which the other process removes; empty before it exists.
+    remains = _Text(*_REMAINS)  #: Sentence about what remains of earlier runs if the command does not complete.
+    file = _Text(*_FILE)  #: File that is being read by a library that can end the process; empty before and after.
 
     def end_of_process(self) -> str:
         """Return the error for the end of this process while an FMU is called."""
